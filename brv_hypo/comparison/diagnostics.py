@@ -82,26 +82,27 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
 
 
 def events_apart(judged: Judged) -> tuple[str, ...]:
-    """Which change of the leader comes most apart on flights from the time that they share, if significantly.
-
-    In one figure: an event that is far apart is described by several changes about it.
-    """
+    """Which change of the leader comes most apart on flights from their Mach numbers or time, if significantly."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
         return ()
     late, sigmas = own.events_apart
+    common = fit.frame.common
+    aligned = np.array([common.late_at(each.value) for each in knots]) if common is not None else np.zeros_like(late)
+    late = late + aligned - np.mean(aligned, axis=1, keepdims=True)
     step = max(each.flight.step for each in fit.frame.reconstructions)  # within which filters of sensors shift a jump
     sigmas = np.hypot(sigmas / np.sqrt(judged.weight), step / np.sqrt(12.0))
     apart = np.where(np.any(np.abs(late) > APART_SIGMAS * sigmas, axis=1), np.ptp(late, axis=1), 0.0)
     most = int(np.argmax(apart))
     if apart[most] == 0.0:
         return ()
-    term, place = fit.selected[knots[most].columns[0]].term, at(fit.frame.common, knots[most].value)
-    shared = "time" if fit.frame.common is None else "Mach number"
+    term, place = fit.selected[knots[most].columns[0]].term, at(common, knots[most].value)
+    shared = "time" if common is None else "Mach number"
+    advice = "each flight has its own time" if np.any(aligned) else "for its time, compare each flight by itself"
     return (
         f"the change of {term} about {place} does not come at one {shared} on all flights ({apart[most]:.1g} s apart): "
-        "for its time, compare each flight by itself",
+        f"{advice}",
     )
 
 

@@ -18,7 +18,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import regions, scale_variance
-from brv_hypo.comparison.preparation import linearised_about, shared_problem
+from brv_hypo.comparison.preparation import Settings, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     Pair,
@@ -53,7 +53,7 @@ from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.common_time import at
+from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, SPECIFIC
 
@@ -120,9 +120,21 @@ def judged(
     Where `_another_point` is better, the record is linearised about that once more; that is kept unless its leader's
     residual is larger by more than noise scatters.
     """
-    shared, settings = shared_problem(reconstructions, config)
-    fits = _searched(shared, hypotheses, say)
-    point = self_consistent(shared, likeliest(fits))
+
+    def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
+        """The hypotheses in a time that flights share, and the likeliest."""
+        shared, settings = shared_problem(reconstructions, config, common)
+        fits = _searched(shared, hypotheses, say)
+        return shared, settings, fits, self_consistent(shared, likeliest(fits))
+
+    shared, settings, fits, point = searched(None)
+    if settings.common is not None and point.nonlinear:
+        say("aligning the flights")
+        common = aligned(reconstructions, config, settings.common, point)
+        found = None if common is None else searched(common)
+        price = 2.0 * (len(reconstructions) - 1) * math.log(point.effective)  # of two numbers a flight
+        if found is not None and _under_noise(found[0], found[3]) + price < _under_noise(shared, point):
+            shared, settings, fits, point = found
 
     def about(problem: Problem, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
         say(f"linearising about {hypothesis(point.name)}")
@@ -135,6 +147,13 @@ def judged(
         return first
     second = about(*another, first.fits)
     return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
+
+
+def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
+    """The criterion of a fit with that of the noise under which it was found, as problems have their own."""
+    noise = problem.rows.noise
+    levels = math.log(noise.rates.sigma**2) + math.log(noise.force.sigma**2)
+    return fit.information + problem.efficiency * problem.rows.rates * levels
 
 
 def _another_point(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.inspection import FILTERED, low_passed
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying, point_of
-from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, self_consistent
 from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import build_frame
@@ -22,13 +23,14 @@ from brv_hypo.linearisation.propagated_motion import PropagatedMotion, cycles, l
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
-from brv_hypo.model.common_time import CommonTime, common_time
+from brv_hypo.model.common_time import CommonTime, OwnTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import default_knots
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.pipeline import require_answerable
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import ColouredNoise
+from brv_hypo.thresholds import EVENTS_APART
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,12 @@ class Settings:
     bend: StaticBend | None = None
 
 
-def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
+def shared_problem(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None = None
+) -> tuple[Problem, Settings]:
     """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
+
+    `common`: the time that flights share, where it is known better than by their Mach numbers.
 
     How loud the instruments' noise is at the frequencies of the motion is known once the motion is taken out.
     """
@@ -60,13 +66,81 @@ def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareCon
     settings = Settings(
         tuple(ReconstructionConfig(method=config.method) for _ in reconstructions),
         tuple(reconstructions),
-        shared_time(reconstructions),
+        common or shared_time(reconstructions),
     )
     problem = _problem(reconstructions, settings, config)
     bend = _bend_of(problem)
     settings = replace(settings, static=_static_of(problem), bend=bend)
     problem = carrying(problem.under(estimated_noise(problem)), bend)
     return problem, _with_motion_noise(problem, settings)
+
+
+# ---- The time that flights share ----
+
+
+def aligned(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime, fit: HypothesisFit
+) -> CommonTime | None:
+    """The common time in which the events of a hypothesis come together that each flight has by itself; None where
+    they come together already.
+
+    Mach numbers that err by a factor, and air that is another, move events of flights apart, and a step that comes
+    twice looks like an onset that takes time. The shift of a flight is linear in time; it has the prior `EVENTS_APART`,
+    and large changes count most.
+    """
+    alone = [shared_problem([reconstruction], config)[0] for reconstruction in reconstructions]
+    fits = [self_consistent(own, fit_hypothesis(own, fit.name, fit.mechanisms)) for own in alone]
+    events = [_events(*each) for each in zip(fits, common.flights, strict=True)]
+    start, stop = common.span
+    late, moves = np.zeros((len(events), 2)), False
+    for flight, own in enumerate(events):
+        pairs = [
+            (each.time, each.time - other.time, max(each.sigma, other.sigma))
+            for each in own
+            for other in events[common.reference]
+            if flight != common.reference and each.like(other, 3.0 * EVENTS_APART * (stop - start))
+        ]
+        if pairs:
+            times, after, sigmas = np.array(pairs).T
+            shares = (times - start) / (stop - start)
+            ends = np.stack([1.0 - shares, shares], axis=1) / sigmas[:, np.newaxis]
+            prior = np.eye(2) / (EVENTS_APART * (stop - start)) ** 2
+            late[flight] = np.linalg.solve(ends.T @ ends + prior, ends.T @ (after / sigmas))
+            moves |= bool(np.any(np.abs(after) > 3.0 * sigmas))
+    return common.aligned(late) if moves else None
+
+
+@dataclass(frozen=True)
+class _Event:
+    """A change of one flight's fit: its common `time` and the error of that, s, and by how much each term changes."""
+
+    time: float
+    sigma: float
+    changes: Mapping[str, float]
+
+    def like(self, other: _Event, apart: float) -> bool:
+        """Whether it comes within so many seconds of another change of the same terms, of like size and direction."""
+        if abs(self.time - other.time) > apart or self.changes.keys() != other.changes.keys():
+            return False
+        mine, theirs = (np.array([each[key] for key in self.changes]) for each in (self.changes, other.changes))
+        return float(np.linalg.norm(mine - theirs)) < 0.5 * float(np.linalg.norm(mine) + np.linalg.norm(theirs))
+
+
+def _events(fit: HypothesisFit, own: OwnTime) -> list[_Event]:
+    """The jumps of a flight's fit: the largest is known to within a sample, others to as much more as they are smaller."""
+    changes: dict[float, dict[str, float]] = {}
+    for column, value in zip(fit.selected, fit.values[fit.baseline_size :], strict=True):
+        if column.time_basis.kind == "jump":
+            changes.setdefault(column.time_basis.start, {})[column.term] = float(value)
+    sizes = [math.hypot(*each.values()) for each in changes.values()]
+    step, pairs = fit.frame.reconstructions[0].flight.step, zip(changes.items(), sizes, strict=True)
+    return [
+        _Event(float(own.common_at(np.array(time))), step / math.sqrt(12.0) * max(sizes) / max(size, 1e-300), each)
+        for (time, each), size in pairs
+    ]
+
+
+# ---- The problem ----
 
 
 def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:

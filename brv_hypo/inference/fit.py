@@ -21,6 +21,7 @@ from brv_hypo.constants import (
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import (
+    CLOSELY,
     FINAL,
     ROUGH,
     Nonlinear,
@@ -165,8 +166,10 @@ def fit_hypothesis(
     offered, start = grid.offered, Reduced(problem, grid.frame)
     empty = solved(start, name, mechanisms, problem.baseline, offered.count)
 
-    def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
-        return refined_fit(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
+    def settle(
+        chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = (), parts: Sequence[float] = (1.0,)
+    ) -> HypothesisFit:
+        return refined_fit(problem, empty, (*problem.baseline, *chosen), known, reduced=start, parts=parts)
 
     best: HypothesisFit | None = None
     worse = 0
@@ -185,17 +188,18 @@ def fit_hypothesis(
         behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
         if worse == SEARCH_PATIENCE or behind:
             break
-    while best is not None and (fewer := joined(best.selected, best.values[best.baseline_size :], problem.knots)):
-        challenger = settle(fewer, best.selected)
-        if not gains(challenger, best):
-            break
-        best = challenger
-    return best or empty
+    while best is not None:
+        present = best
+        fewer = joined(present.selected, present.values[present.baseline_size :], problem.knots)
+        best = likeliest([present, *(settle(columns, present.selected) for columns in fewer)])
+        if not gains(best, present):
+            return likeliest([present, settle(present.selected, parts=CLOSELY)])
+    return empty
 
 
-def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray) -> tuple[Regressor, ...] | None:
+def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray) -> list[tuple[Regressor, ...]]:
     """The columns with two changes of like direction, at neighbouring knots of the grid, as one between them, which
-    they bracket; None where no two are so.
+    they bracket: once for every two that are so.
     """
     apart = _NEIGHBOURS * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     jumps = sorted({c.time_basis for c in selected if c.time_basis.kind == "jump"}, key=lambda basis: basis.start)
@@ -203,6 +207,7 @@ def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray)
         (basis, {(c.term, c.theta): v for c, v in zip(selected, values, strict=False) if c.time_basis == basis})
         for basis in jumps
     ]
+    found = []
     for (early, first), (late, second) in pairwise(sized):
         size, other = (float(np.linalg.norm(list(each.values()))) for each in (first, second))
         like = first.keys() == second.keys() and sum(first[key] * second[key] for key in first) > 0.0
@@ -210,8 +215,8 @@ def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray)
             between = replace(early, start=(size * early.start + other * late.start) / (size + other))
             at = {early: between, late: between}
             columns = (c.at(c.theta, at.get(c.time_basis, c.time_basis)) for c in selected)
-            return tuple(dict.fromkeys(columns))
-    return None
+            found.append(tuple(dict.fromkeys(columns)))
+    return found
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
@@ -248,8 +253,10 @@ def refined_fit(
     known: tuple[Regressor, ...],
     steps: Steps = ROUGH,
     reduced: Reduced | None = None,
+    parts: Sequence[float] = (1.0,),
 ) -> HypothesisFit:
-    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned.
+    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned, others
+    over `parts` of their bounds.
 
     C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the fit's frame, if known.
     """
@@ -262,7 +269,7 @@ def refined_fit(
     selected = columns[len(problem.baseline) :]
     parameters = nonlinear_parameters(selected, reduced.frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(selected) if column not in known)
-    refined = refine(selected, parameters, fresh, reduced, steps)
+    refined = refine(selected, parameters, fresh, reduced, steps, parts)
     return _hypothesis(reduced, fit.name, fit.mechanisms, refined, fit.searched)
 
 

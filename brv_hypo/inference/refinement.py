@@ -43,6 +43,7 @@ class Steps(NamedTuple):
 
 
 ROUGH = Steps(REFINED_STEPS, REFINED_GAIN)  # of models that are compared
+CLOSELY = (1.0 / 3.0, 1.0 / 9.0, 1.0 / 27.0)  # of bounds, in which a knot finds the best of the minima about it
 FINAL = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised about
 
 
@@ -61,16 +62,19 @@ class Nonlinear:
     columns: tuple[int, ...]
     units: str = "s"
 
-    def around(self, points: int) -> FloatArray:
-        """Values to try: over the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
+    def around(self, points: int, part: float = 1.0) -> FloatArray:
+        """Values to try: over that part of the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
-            return np.geomspace(max(low, self.value / SCANNED_FACTOR), min(high, self.value * SCANNED_FACTOR), points)
-        return np.linspace(low, high, points)
+            factor = SCANNED_FACTOR**part
+            return np.geomspace(max(low, self.value / factor), min(high, self.value * factor), points)
+        half = 0.5 * part * (high - low)
+        return np.linspace(low, high, points) if part == 1.0 else self.value + half * np.linspace(-1.0, 1.0, points)
 
-    def others(self, points: int) -> list[float]:
-        """The values of `around` that are not its own."""
-        return [float(value) for value in self.around(points) if not math.isclose(value, self.value, rel_tol=_SAME)]
+    def others(self, points: int, part: float = 1.0) -> list[float]:
+        """The values of `around` within the bounds that are not its own."""
+        values = np.clip(self.around(points, part), *self.bounds).tolist()
+        return [value for value in dict.fromkeys(values) if not math.isclose(value, self.value, rel_tol=_SAME)]
 
     def moved(self, columns: Sequence[Regressor], value: float) -> tuple[Regressor, ...]:
         """The columns with this parameter at `value`."""
@@ -117,12 +121,13 @@ def refine(
     fresh: frozenset[int],
     reduced: Reduced,
     steps: Steps = ROUGH,
+    parts: Sequence[float] = (1.0,),
 ) -> Refined:
     """Gauss-Newton over delays and knots of selected columns; a step that does not lower RSS is halved.
 
-    Parameters that move a column of `fresh` are scanned over their bounds first.
+    Parameters that move a column of `fresh` are scanned first, over these parts of their bounds in turn.
     """
-    state = _scanned(reduced, nonlinear, columns, fresh)
+    state = _scanned(reduced, nonlinear, columns, fresh, parts)
     for _ in range(steps.most if nonlinear else 0):
         improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
@@ -168,19 +173,24 @@ def nonlinear_parameters(columns: Sequence[Regressor], frame: RateFrame, knots: 
 
 
 def _scanned(
-    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Regressor, ...], fresh: frozenset[int]
+    reduced: Reduced,
+    nonlinear: tuple[Nonlinear, ...],
+    columns: tuple[Regressor, ...],
+    fresh: frozenset[int],
+    parts: Sequence[float],
 ) -> Refined:
-    """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
+    """One coordinate at a time over parts of its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
-    placed = []
-    for parameter in nonlinear:
-        if not fresh.isdisjoint(parameter.columns):
-            values = (parameter.value, *parameter.others(SCANNED))
+    placed = list(nonlinear)
+    for part in parts:
+        for k, parameter in enumerate(placed):
+            if fresh.isdisjoint(parameter.columns):
+                continue
+            values = (parameter.value, *parameter.others(SCANNED, part))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)
-            parameter = replace(parameter, value=values[best])
-        placed.append(parameter)
+            placed[k] = replace(parameter, value=values[best])
     return Refined(tuple(placed), columns, batch, reduced.fit(batch))
 
 

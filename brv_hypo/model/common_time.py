@@ -8,7 +8,7 @@ the widest range of Mach numbers, in whatever order flights are given.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -56,10 +56,14 @@ class OwnTime:
 
 @dataclass(frozen=True)
 class CommonTime:
-    """The flights' own times, by flight; common time is that of flight `reference` (from 0)."""
+    """The flights' own times, by flight; common time is that of flight `reference` (from 0).
+
+    `late`: see `aligned`; None where flights share their Mach numbers.
+    """
 
     flights: tuple[OwnTime, ...]
     reference: int
+    late: FloatArray | None = None
 
     @property
     def mach_span(self) -> tuple[float, float]:
@@ -78,6 +82,29 @@ class CommonTime:
         end = 0 if common < reference.common[0] else -1
         beyond = common - reference.common[end]
         return float(reference.mach[end] + beyond / _mean_pace(reference.time, reference.mach))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The earliest and the latest common time of any flight, s."""
+        ends = [float(own.common[k]) for own in self.flights for k in (0, -1)]
+        return min(ends), max(ends)
+
+    def aligned(self, late: FloatArray) -> CommonTime | None:
+        """The common time in which events of flights come together that are `late` (flights, 2) by Mach number: s at
+        the ends of the span, linear between; nothing on the reference. None where a flight's time would not rise.
+        """
+        moved = tuple(
+            replace(own, common=own.common - np.interp(own.common, self.span, each))
+            for own, each in zip(self.flights, late, strict=True)
+        )
+        rises = all(np.all(np.diff(own.common) > 0.0) for own in moved)
+        return CommonTime(moved, self.reference, late) if rises else None
+
+    def late_at(self, common: float) -> FloatArray:
+        """By how much events at a common time (s) are late on each flight by its Mach number, s (flights,)."""
+        if self.late is None:
+            return np.zeros(len(self.flights))
+        return np.array([np.interp(common, self.span, each) for each in self.late])
 
     def apart(self) -> tuple[int, ...]:
         """Flights that share no Mach number with any other."""

@@ -88,6 +88,26 @@ def test_a_time_that_a_flight_does_not_come_by_lies_beyond_its_record() -> None:
     assert at(shared(sigma=0.0), 2.0) == "Mach 9.00"
 
 
+@given(time=st.floats(10.0, 13.0), late=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)))
+@settings(max_examples=20, deadline=None)
+def test_events_that_are_late_by_mach_number_come_together_in_the_aligned_time(
+    time: float, late: tuple[float, float]
+) -> None:
+    by_mach = shared(sigma=0.0)
+    found = by_mach.aligned(np.array([[0.0, 0.0], late]))
+    assert found is not None
+    assert found.flights[0].common is by_mach.flights[0].common or np.array_equal(found.flights[0].common, TIME)
+    before = float(by_mach.flights[1].common_at(np.array(time)))
+    after = float(found.flights[1].common_at(np.array(time)))
+    assert before - after == pytest.approx(float(np.interp(before, by_mach.span, late)), abs=1e-3)
+    assert found.late_at(before) == pytest.approx([0.0, before - after], abs=1e-3)
+    assert by_mach.late_at(before) == pytest.approx([0.0, 0.0])
+
+
+def test_an_alignment_by_which_time_would_run_backwards_is_none() -> None:
+    assert shared().aligned(np.array([[0.0, 0.0], [-9.0, 9.0]])) is None
+
+
 @pytest.mark.parametrize(
     ("other", "word"),
     [
