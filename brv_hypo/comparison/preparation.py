@@ -127,7 +127,7 @@ class _Event:
 
 
 def _events(fit: HypothesisFit, own: OwnTime) -> list[_Event]:
-    """The jumps of a flight's fit: the largest is known to within a sample, others to as much more as they are smaller."""
+    """The jumps of a flight's fit: the largest is known to within a sample, others the worse the smaller they are."""
     changes: dict[float, dict[str, float]] = {}
     for column, value in zip(fit.selected, fit.values[fit.baseline_size :], strict=True):
         if column.time_basis.kind == "jump":
