@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged
+from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
@@ -29,7 +30,6 @@ from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
-APART_SIGMAS = 3.0  # by which an event comes off the time of all flights, from which it is said
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 

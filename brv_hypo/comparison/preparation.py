@@ -32,6 +32,8 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.thresholds import EVENTS_APART
 
+APART_SIGMAS = 3.0  # standard deviations within which events of two flights may be one, and beyond which apart in time
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -88,9 +90,17 @@ def aligned(
     twice looks like an onset that takes time. The shift of a flight is linear in time; it has the prior `EVENTS_APART`,
     and large changes count most.
     """
-    alone = [shared_problem([reconstruction], config)[0] for reconstruction in reconstructions]
-    fits = [self_consistent(own, fit_hypothesis(own, fit.name, fit.mechanisms)) for own in alone]
-    events = [_events(*each) for each in zip(fits, common.flights, strict=True)]
+
+    def alone(flight: int) -> list[_Event]:
+        """The events of a flight by itself; none where it is too short to be compared so."""
+        try:
+            problem, _ = shared_problem([reconstructions[flight]], config)
+        except UnanswerableError:
+            return []
+        own = self_consistent(problem, fit_hypothesis(problem, fit.name, fit.mechanisms))
+        return _events(own, common.flights[flight])
+
+    events = [alone(flight) for flight in range(len(reconstructions))]
     start, stop = common.span
     late, moves = np.zeros((len(events), 2)), False
     for flight, own in enumerate(events):
@@ -98,7 +108,7 @@ def aligned(
             (each.time, each.time - other.time, max(each.sigma, other.sigma))
             for each in own
             for other in events[common.reference]
-            if flight != common.reference and each.like(other, 3.0 * EVENTS_APART * (stop - start))
+            if flight != common.reference and each.like(other, APART_SIGMAS * EVENTS_APART * (stop - start))
         ]
         if pairs:
             times, after, sigmas = np.array(pairs).T
@@ -106,7 +116,7 @@ def aligned(
             ends = np.stack([1.0 - shares, shares], axis=1) / sigmas[:, np.newaxis]
             prior = np.eye(2) / (EVENTS_APART * (stop - start)) ** 2
             late[flight] = np.linalg.solve(ends.T @ ends + prior, ends.T @ (after / sigmas))
-            moves |= bool(np.any(np.abs(after) > 3.0 * sigmas))
+            moves |= bool(np.any(np.abs(after) > APART_SIGMAS * sigmas))
     return common.aligned(late) if moves else None
 
 
