@@ -40,7 +40,6 @@ from brv_hypo.identification.parameters import (
     ROLL_RATE_ERROR,
     SPEED_ERROR,
     Structure,
-    alpha_over_sine,
     averaged,
     kink,
     lever_force,
@@ -49,11 +48,13 @@ from brv_hypo.identification.parameters import (
     placed,
 )
 from brv_hypo.likelihood import Delayed
+from brv_hypo.linearisation.propagated_motion import GRAVITY
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.baseline import scaled
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
-from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, windward_meridian
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, effective, windward_meridian
 
 # ---- States and inputs at some instants, and what the coefficients multiply there ----
 
@@ -225,7 +226,6 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 # ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
 
 
-GRAVITY = ("gravity x", "gravity y", "gravity z")  # m/s^2 in body axes of the first sample
 FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
 FORCES = (*FORCE_DRIFT, FORCE_BEND)
@@ -340,11 +340,11 @@ class VehicleModel:
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
         xi, vehicle = at.zeta / at.input("speed"), context.vehicle
-        drift = scaled(context.coefficient_time(at.time), self.span)
+        drift = scaled(context.coefficient_time(at.time), *self.span)
         shapes = np.stack([np.ones_like(drift), drift, angle_of_attack(xi) ** 2])
         slope = np.array([theta[name] for name in FORCES]) @ shapes
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
-        force = -scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * alpha_over_sine(xi) * xi
+        force = -scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * effective(xi)
         return np.asarray(force * slope)
 
     def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
@@ -387,11 +387,6 @@ class VehicleModel:
             in_plane_moment=np.zeros_like(speed),
             reference_length=context.vehicle.reference_length,
         )
-
-
-def scaled(time: FloatArray, span: tuple[float, float]) -> FloatArray:
-    """Times of the time bases (n,) s, from -1 to 1 over the span."""
-    return np.asarray((2.0 * time - span[0] - span[1]) / (span[1] - span[0]))
 
 
 def _forward(at: Point) -> FloatArray:

@@ -16,16 +16,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.equations import (
-    FORCE_BEND,
-    FORCE_DRIFT,
-    FORCES,
-    GRAVITY,
-    MomentModel,
-    VehicleModel,
-    rates_used,
-    scaled,
-)
+from brv_hypo.identification.equations import FORCE_BEND, FORCE_DRIFT, FORCES, MomentModel, VehicleModel, rates_used
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
 from brv_hypo.identification.parameters import Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.fit import Regressed
@@ -33,6 +24,8 @@ from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.statistics import Whiteness, estimate_variance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
+from brv_hypo.linearisation.propagated_motion import GRAVITY
+from brv_hypo.model.baseline import scaled
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
@@ -233,7 +226,7 @@ def _force_start(frame: RateFrame, span: tuple[float, float]) -> dict[str, float
     known = np.isfinite(slope)
     drift = np.array([1.0, 0.0])
     if known.any():
-        drift = np.polynomial.legendre.legfit(scaled(time[known], span), slope[known], 1)
+        drift = np.polynomial.legendre.legfit(scaled(time[known], *span), slope[known], 1)
         drift = np.where(np.abs(drift) > _ROUNDING * abs(drift[0]), drift, 0.0)
     return dict(zip(FORCES, (*drift.tolist(), bend), strict=True))
 

@@ -44,7 +44,7 @@ from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, theta_grid
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.motion import angle_of_attack, crossflow
+from brv_hypo.motion.motion import crossflow, effective
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import InputError
 
@@ -310,7 +310,7 @@ def _force(
     pressure, p = smooth.pressure[rows], smooth.roll_rate[rows]
     xi = crossflow(motion.alpha, motion.windward_meridian)[rows]
     slope = np.nan_to_num(reconstruction.normal_force_ratio[rows])
-    force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * alpha_over_sine(xi) * xi
+    force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * effective(xi)
     omega_rate = pressure * vehicle.moment_scale * moments - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
     return np.asarray(force + lever_force(vehicle.accelerometer_position, omega, omega_rate, p, rolling[rows]))
 
@@ -322,12 +322,6 @@ def lever_force(
     x, transverse = arm[0], complex(arm[1], arm[2])
     crossed = (omega * np.conj(transverse)).imag
     return np.asarray(x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed)
-
-
-def alpha_over_sine(xi: ComplexArray) -> FloatArray:
-    """alpha / sin(alpha) (n,): a force linear in alpha follows it times the crossflow."""
-    size = np.maximum(np.abs(xi), 1e-12)
-    return np.asarray(angle_of_attack(xi) / size)
 
 
 # What the equations know of errors, measured less true: courses by these names.
