@@ -104,8 +104,9 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     flight = found.flight
     save_flight(flight, output, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
-    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
+    faults = [f"{fault.channel}: {fault.fault}" for fault in try_record(flight)[1].faults if fault.decisive]
+    heading = f"The record contradicts itself (`brv-hypo inspect {output}` says how)"
+    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, heading, warning=True))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 

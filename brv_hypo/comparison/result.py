@@ -410,7 +410,7 @@ class Comparison(HasCharts, Result):
         return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
 
     def named(self) -> str:
-        """What the verdict names, and that this is a description where it predicts nothing by itself; empty for none."""
+        """What the verdict names, and whether it is a description that predicts nothing by itself; empty for none."""
         winner = self.verdict.winner or ""
         poor = any(row.prediction_ratio > 1.0 for row in self.ranking if row.mechanism == winner != "none")
         return f"{hypothesis(winner)}{', a description and no established cause' if poor else ''}"

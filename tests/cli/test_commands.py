@@ -56,6 +56,21 @@ class TestSimulate:
         result = strict_json(planted[0].stdout)
         assert result["planted"] == ["bodyfixed"]
         assert result["planted_share"]["out_of_plane"] > 0.0
+        assert result["mechanisms"][0]["terms"] == {"C_b cos(phi_b)": 8.0e-4, "C_b sin(phi_b)": -3.0e-4}
+
+    def test_sizes_of_what_is_planted_and_drawn_are_printed(self, brv_hypo, brief_config, tmp_path):
+        done = brv_hypo("simulate", brief_config, "--draw", 1, "-v", "--json", "f.json", "-o", "f.h5", cwd=tmp_path)
+        assert "  sticking: eps 0.6, delay 0.12 s, from 0.2 s" in done.stdout
+        errors = strict_json((tmp_path / "f.json").read_text())["errors"]
+        assert re.search(rf"gyro_bias +q +{errors['gyro_bias']['q']:.3g} +rad/s", done.stdout)
+        assert re.search(r"trim +C_m0 +\S+ +1 +\S+", done.stdout)
+        assert "no instrument has noise" not in done.stderr
+
+    def test_a_record_without_noise_is_warned_of(self, brv_hypo, tmp_path):
+        text = "base: research_cone\nduration: 0.5\nsample_rate: 100.0\nstep: 0.01\ninstruments: {}\n"
+        (tmp_path / "f.yaml").write_text(text)
+        done = brv_hypo("simulate", "f.yaml", "-o", "f.h5", cwd=tmp_path)
+        assert "no instrument has noise" in done.stderr
 
     def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, brief_config, tmp_path):
         target = tmp_path / "flight.h5"
