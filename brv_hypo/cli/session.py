@@ -328,10 +328,13 @@ class Session:
         return self.json == STANDARD_OUTPUT
 
     def load(self, path: Path) -> Flight:
-        """The part to use of a record, with the tolerances to use."""
+        """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
         from brv_hypo.flight.format import load_flight
+        from brv_hypo.simulation.config import config_names, config_path
 
-        return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
+        along = self.instruments is not None and self.instruments in config_names("instruments")
+        tolerances = config_path(self.instruments or "", "instruments") if along else self.instruments
+        return load_flight(path, instruments=tolerances).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.

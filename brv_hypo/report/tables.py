@@ -187,8 +187,8 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     rest = f"{counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
     rises = any(term.name.startswith("ramp ") for term in leader.terms)
     known = [e for e in leader.derived if e.region_s is None and _KNOT not in e.name and _WIDTH not in e.name]
-    told = {term.delay_s for term in every}
-    derived = derived_texts(sorted((e for e in known if e.value not in told), key=lambda e: (e.name, e.value)))
+    shown = {term.delay_s for term in every}
+    derived = derived_texts(sorted((e for e in known if e.value not in shown), key=lambda e: (e.name, e.value)))
     return [
         table,
         Texts((RISING,) if rises and table.rows else (), bullets=False),
@@ -216,20 +216,20 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
     for knot, width in sorted(found, key=lambda pair: pair[0].value):
         half = 0.0 if width is None else 0.5 * width.value
         said = [name for name, at in ends.items() if abs(at - knot.value) <= half + 1e-6]
-        told = {"change": ", ".join(said) or "change"}
+        place = {"change": ", ".join(said) or "change"}
         if shared:
             mach = float(np.interp(knot.value, [k.time_s for k in row.knots], [k.mach for k in row.knots]))
-            told |= {f"flight {k + 1}, s": _own_time(row, k, knot.value) for k in range(len(flights))}
-            told[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
+            place |= {f"flight {k + 1}, s": _own_time(row, k, knot.value) for k in range(len(flights))}
+            place[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
         else:
             mach = comparison.mach_at(knot.value)
-            told |= {"time, s": known_to(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
+            place |= {"time, s": known_to(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
         over = (
             NOT_A_NUMBER
             if width is None
             else f"{known_to(width.value, width.std_error)} ± {number(width.std_error, 2)}"
         )
-        rows.append(told | {"over, s": over, "Mach": number(mach)})
+        rows.append(place | {"over, s": over, "Mach": number(mach)})
     kept = [name for name in (rows[0] if rows else ()) if any(each[name] != NOT_A_NUMBER for each in rows)]
     heading = f"When {hypothesis(row.mechanism)} changes"
     return Table([{name: each[name] for name in kept} for each in rows], heading, ("change",), shown="verbose")
@@ -379,7 +379,11 @@ def term_table(
     `collinear` ones, named with the times that they begin at, are marked. `derived` has the errors of delays.
     """
     machs = {knot.time_s: knot.mach for knot in knots}
-    errors = {each.value: f" ± {number(each.std_error, 2)}" for each in derived if np.isfinite(each.std_error)}
+    errors = {
+        each.value: f"{known_to(each.value, each.std_error)} ± {number(each.std_error, 2)}"
+        for each in derived
+        if np.isfinite(each.std_error)
+    }
     digits = decimals(list(machs.values()))
     rows, marked = [], {name for group in collinear for name in group}
     for term in terms:
@@ -395,7 +399,7 @@ def term_table(
                 "F": f_ratio(term.f_ratio),
                 "region, s": NOT_A_NUMBER if machs else interval(term.region_s),
                 "Mach": "–".join(f"{end:.{digits}f}" for end in ends) if len(ends) == 2 else NOT_A_NUMBER,
-                "delay, s": number(term.delay_s) + errors.get(term.delay_s or 0.0, ""),
+                "delay, s": errors.get(term.delay_s or 0.0, number(term.delay_s)),
             }
         )
     kept = [name for name in (rows[0] if rows else ()) if any(row[name] != NOT_A_NUMBER for row in rows)]

@@ -361,9 +361,8 @@ def test_every_flight_has_its_own_times_of_what_changes() -> None:
     comparison = graded()
     knots = [Knot(time_s=at, mach=24.0 - at, flights_s=(at + 5.0, own)) for at, own in ((1.0, 2.0), (2.0, None))]
     late = DerivedEstimate(name="damping knot", value=2.0, std_error=0.2, units="s")
-    early, width = (
-        late.model_copy(update=each) for each in ({"value": 1.0}, {"name": "damping onset width", "value": 0.2})
-    )
+    early = late.model_copy(update={"value": 1.0})
+    width = late.model_copy(update={"name": "damping onset width", "value": 0.2})
     value = comparison.ranking[0].terms[0].model_copy(update={"value": 9.0, "std_error": 1.0, "region_s": (1.0, 2.0)})
     interval = NetInterval(start_s=1.0, stop_s=2.0, values=(value,))
     found = {"knots": knots, "derived": (late, early, width), "intervals": (interval,)}
@@ -387,7 +386,7 @@ def test_every_flight_has_its_own_times_of_what_changes() -> None:
 def test_a_delay_in_a_table_has_its_error() -> None:
     value = graded().ranking[0].terms[0].model_copy(update={"delay_s": 0.12})
     delay = DerivedEstimate(name="lag delay", value=0.12, std_error=0.003, units="s")
-    assert [row["delay, s"] for row in term_table("t", [value], derived=[delay]).rows] == ["0.12 ± 0.003"]
+    assert [row["delay, s"] for row in term_table("t", [value], derived=[delay]).rows] == ["0.1200 ± 0.003"]
 
 
 def test_a_name_that_is_a_description_only_is_in_the_heading_as_one() -> None:
