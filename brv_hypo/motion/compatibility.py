@@ -380,8 +380,8 @@ def _of_noise(sigma: FloatArray) -> float:
 MOST_OTHERS = 2  # corrections named beside the best
 UNRELATED_WORDS = (
     "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
-    "mistake of sign, axis or unit clearly explains it. Check the gyros' axes in the map; gusts or controls may do it "
-    "too (--start, --stop)"
+    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
+    "or controls may do it too (--start, --stop)"
 )
 
 

@@ -182,7 +182,7 @@ def _found_text(result: Trace) -> str:
     """What was found; where that has no name, which families hold the residual of the first model."""
     if result.findings:
         return f"Found: {', '.join(result.findings)}."
-    families = families_text(result.steps[0])
+    families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
 

@@ -148,7 +148,8 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     history = ProcessHistory(process="own_drift", title="a drift of one's own", units="1", **own)
     family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), history=history)
     small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
-    first = traced.steps[0].model_copy(update={"decomposition": (family, small)})
+    residual = traced.steps[0].residual.model_copy(update={"white": False})
+    first = traced.steps[0].model_copy(update={"decomposition": (family, small), "residual": residual})
     shares = "body 83 % (70 to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
@@ -158,6 +159,9 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
         assert document.conclusion.splitlines()[0] == said
     texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
     assert f"By family: {shares[:-1]}; not surely above 0.5 %: air." in texts
+    noise = first.model_copy(update={"residual": residual.model_copy(update={"white": True})})
+    of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
+    assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
     assert document.ahead == ()
 
 
