@@ -202,6 +202,7 @@ def _end(message: str, code: int) -> None:
 
 
 LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
+STAGE_SECONDS = 10.0  # between lines of one stage
 
 
 @contextmanager
@@ -230,12 +231,13 @@ def shown(title: str, *, quiet: bool) -> Iterator[Report]:
 
 
 def _write_lines(reached: list[str], finished: threading.Event) -> None:
-    """Write the last of what was reached, where it is new."""
-    begun, written = time.monotonic(), ""
+    """Write the last of what was reached, where it is new; of one stage now and then."""
+    begun, written, at = time.monotonic(), "", 0.0
     while not finished.wait(max(LINE_SECONDS, (time.monotonic() - begun) / 30.0)):
-        if reached[-1] != written:
-            written = reached[-1]
-            print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
+        last, now = reached[-1], time.monotonic()
+        if last != written and (last.split(",")[0] != written.split(",")[0] or now - at > STAGE_SECONDS):
+            written, at = last, now
+            print(f"{now - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----

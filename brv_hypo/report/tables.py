@@ -231,7 +231,8 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
         )
         rows.append(place | {"over, s": over, "Mach": number(mach)})
     kept = [name for name in (rows[0] if rows else ()) if any(each[name] != NOT_A_NUMBER for each in rows)]
-    heading = f"When {hypothesis(row.mechanism)} changes"
+    middle = " (the middle of what comes on over a time)" if "over, s" in kept else ""
+    heading = f"When {hypothesis(row.mechanism)} changes{middle}"
     return Table([{name: each[name] for name in kept} for each in rows], heading, ("change",), shown="verbose")
 
 

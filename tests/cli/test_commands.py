@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from brv_hypo import reconstruct
+from brv_hypo.cli import session
 from brv_hypo.flight import load_flight, read_tree
 from brv_hypo.report.reconstruction import reconstruction_document
 from tests.truth import load_truth
@@ -22,6 +24,17 @@ TERM_KEYS = "name mechanism channel value std_error f_ratio units region_s delay
 def strict_json(text):
     """The value of a JSON text; NaN and infinity are no JSON."""
     return json.loads(text, parse_constant=lambda constant: pytest.fail(f"{constant} is not JSON"))
+
+
+def test_a_stage_has_a_line_where_there_is_no_terminal_not_one_for_each_percent(capsys, monkeypatch):
+    monkeypatch.setattr(session, "LINE_SECONDS", 0.01)
+    with session.shown("flying", quiet=False) as report:
+        for stage in ("flying", "landing"):
+            for k in range(10):
+                report(k / 10.0, stage)
+                time.sleep(0.02)
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r"^\d+ s: |, \d+% done$", "", line) for line in lines] == ["flying", "landing"]
 
 
 @pytest.fixture(scope="module")
