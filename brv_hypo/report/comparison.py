@@ -232,7 +232,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Processes", [*tables.process_texts(comparison), *first["processes"]], folded=True),
             Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
-            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)]),
+            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
                 "Coefficients",

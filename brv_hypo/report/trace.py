@@ -179,9 +179,10 @@ def trace_document(result: Trace) -> Document:
 
 
 def _found_text(result: Trace) -> str:
-    """What was found; where that has no name, which families hold the residual of the first model."""
+    """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        return f"Found: {', '.join(result.findings)}."
+        left = share(result.account[-1].held_out / result.steps[0].error_before.held_out)
+        return f"Found: {', '.join(result.findings)}; the held-out error falls to {left} of the first model's."
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."

@@ -10,6 +10,7 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.text import share
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.trace import families_text, trace_document
 from brv_hypo.simulation import load_config, simulate
@@ -150,10 +151,11 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
     residual = traced.steps[0].residual.model_copy(update={"white": False})
     first = traced.steps[0].model_copy(update={"decomposition": (family, small), "residual": residual})
+    left = share(traced.account[-1].held_out / first.error_before.held_out)
     shares = "body 83 % (70 to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
-        (("trim",), "Found: trim."),
+        (("trim",), f"Found: trim; the held-out error falls to {left} of the first model's."),
     ):
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
