@@ -104,8 +104,9 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     flight = found.flight
     save_flight(flight, output, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
-    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
+    faults = [f"{fault.channel}: {fault.fault}" for fault in try_record(flight)[1].faults if fault.decisive]
+    heading = f"The record contradicts itself (`brv-hypo inspect {output}` says how)"
+    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, heading, warning=True))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 
@@ -157,15 +158,24 @@ def simulate(
         str | None,
         Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
     ] = None,
+    draw: Annotated[
+        float | None,
+        Option(
+            "--draw",
+            metavar="TIMES",
+            min=0.0,
+            help="Draw errors of instruments, vehicle and air from so many times the tolerances stated.",
+        ),
+    ] = None,
     seed: Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
     session.claim(output, hdf5=True)
-    from brv_hypo.report.listings import simulation_data, simulation_text
+    from brv_hypo.report.listings import simulation_blocks, simulation_data
 
-    flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")))
+    flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")), draw)
     flown.save(output, overwrite=session.force)
-    session.show(simulation_text(flown), f"Wrote {output}.")
+    session.show(*simulation_blocks(flown, verbose=session.verbose), f"Wrote {output}.")
     session.write_json(simulation_data(flown, output))
 
 
@@ -174,20 +184,27 @@ def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> 
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()
     from brv_hypo.comparison import CompareConfig, compare
-    from brv_hypo.report.listings import simulation_text
+    from brv_hypo.report.listings import simulation_blocks
     from brv_hypo.settings import settings_of
 
     settings = settings_of(CompareConfig, session.config, chosen(mechanisms))
-    flown = fly(session, DEMO, seed, ())
-    session.show(simulation_text(flown), "")
+    flown = fly(session, DEMO, seed)
+    session.show(*simulation_blocks(flown, verbose=session.verbose), "")
     with session.progress("comparing") as progress:
         comparison = compare([flown.flight], settings, progress=progress)
     report_comparison(session, comparison, settings)
 
 
-def fly(session: Session, config: str, seed: int | None, plant: tuple[str, ...]) -> SimulatedFlight:
-    """Simulate one flight, with a progress bar."""
+def fly(
+    session: Session, config: str, seed: int | None, plant: tuple[str, ...] = (), draw: float | None = None
+) -> SimulatedFlight:
+    """Simulate one flight, with a progress bar; a record without any noise is warned of."""
+    from brv_hypo.simulation import load_config
     from brv_hypo.simulation import simulate as simulated
 
+    settings = {} if draw is None else {"instruments": {"draw": draw}}
+    chosen = load_config(config, plant=plant, keywords=settings)
+    if chosen.instruments.silent:
+        session.warn("no instrument has noise: a comparison of this record says nothing of a real one")
     with session.progress("simulating") as progress:
-        return simulated(config, seed=DEFAULT_SEED if seed is None else seed, plant=plant, progress=progress)
+        return simulated(chosen, seed=DEFAULT_SEED if seed is None else seed, progress=progress)

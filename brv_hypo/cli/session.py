@@ -202,6 +202,7 @@ def _end(message: str, code: int) -> None:
 
 
 LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
+STAGE_SECONDS = 10.0  # between lines of one stage
 
 
 @contextmanager
@@ -230,12 +231,13 @@ def shown(title: str, *, quiet: bool) -> Iterator[Report]:
 
 
 def _write_lines(reached: list[str], finished: threading.Event) -> None:
-    """Write the last of what was reached, where it is new."""
-    begun, written = time.monotonic(), ""
+    """Write the last of what was reached, where it is new; of one stage now and then."""
+    begun, written, at = time.monotonic(), "", 0.0
     while not finished.wait(max(LINE_SECONDS, (time.monotonic() - begun) / 30.0)):
-        if reached[-1] != written:
-            written = reached[-1]
-            print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
+        last, now = reached[-1], time.monotonic()
+        if last != written and (last.split(",")[0] != written.split(",")[0] or now - at > STAGE_SECONDS):
+            written, at = last, now
+            print(f"{now - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
@@ -328,10 +330,13 @@ class Session:
         return self.json == STANDARD_OUTPUT
 
     def load(self, path: Path) -> Flight:
-        """The part to use of a record, with the tolerances to use."""
+        """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
         from brv_hypo.flight.format import load_flight
+        from brv_hypo.simulation.config import config_names, config_path
 
-        return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
+        along = self.instruments is not None and self.instruments in config_names("instruments")
+        tolerances = config_path(self.instruments or "", "instruments") if along else self.instruments
+        return load_flight(path, instruments=tolerances).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.

@@ -203,7 +203,7 @@ def identify_credible(
         if quick and (not adequate or any(each.status == "degraded" for each in fit.frame.reconstructions)):
             found[fit.name] = None
             continue
-        say(f"maximum likelihood of {fit.name}")
+        say(f"maximum likelihood of {hypothesis(fit.name)}")
         regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, regressed=regressed, **options)
     return found

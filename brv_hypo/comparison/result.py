@@ -409,11 +409,22 @@ class Comparison(HasCharts, Result):
         groups = [self.collinear_groups, *(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)]
         return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
 
+    def named(self) -> str:
+        """What the verdict names, and whether it is a description that predicts nothing by itself; empty for none."""
+        winner = self.verdict.winner or ""
+        poor = any(row.prediction_ratio > 1.0 for row in self.ranking if row.mechanism == winner != "none")
+        return f"{hypothesis(winner)}{', a description and no established cause' if poor else ''}"
+
+    def mach_at(self, time_s: float) -> float:
+        """The Mach number at a time (s) of the reference flight; NaN where it is not known."""
+        for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
+            return float(np.interp(time_s, known.time_s, known.mach))
+        return float("nan")
+
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
         verdict, found = self.verdict, self.verdict.explained
-        names = ", ".join(map(hypothesis, verdict.equivalent))
-        winner = hypothesis(verdict.winner or "")
+        names, winner = ", ".join(map(hypothesis, verdict.equivalent)), self.named()
         headline = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
         explains = f" (explains {percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
@@ -445,11 +456,11 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
         ends = (acts[0].start_s, acts[-1].stop_s)
-        said = f"It acts from {times(*ends)}"
-        for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
-            first, last = np.interp(ends, known.time_s, known.mach)
-            return f"{said} (Mach {number(first)} to {number(last)})."
-        return f"{said}."
+        machs = " to ".join(number(self.mach_at(end)) for end in ends)
+        if self.reference_flight is not None:
+            return f"It acts from Mach {machs}, on each flight at its own times."
+        known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
+        return f"It acts from {times(*ends)}{known}."
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

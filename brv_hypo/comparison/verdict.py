@@ -11,9 +11,9 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict, percent
+from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict
 from brv_hypo.constants import CREDIBLE_PROBABILITY, FAR_BETTER, OTHER_PRIOR, WINNING_PROBABILITY
-from brv_hypo.io.text import hypothesis
+from brv_hypo.io.text import error_share, hypothesis
 from brv_hypo.thresholds import NOISE_LEVEL
 
 OTHER = "other"
@@ -205,23 +205,20 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
     chance = _share(verdict.probability[leader.name])
     if leader.name == NONE:
         return f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
-    part = f"{percent(verdict.explained.share)} %" if verdict.explained is not None else "part"
-    return (
-        f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
-        "does not."
-    )
+    return f"{leader.name} explains the moments best (probability {chance})."
 
 
 def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     """The verdict, with what speaks against a mechanism that it names: a held-out `ratio` of errors above 1."""
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
+    chance = _share(verdict.probability[verdict.winner])
     said = (
-        f"{verdict.winner} is named beside processes only: without them it predicts held-out blocks no better than the "
-        f"baseline ({100.0 * ratio:.0f} % of its error). It describes when and in which plane the moment changed, and "
-        "is no established cause. "
+        f"{verdict.winner} describes the moments best (probability {chance}), when and in which plane they changed, "
+        "but is no established cause: without processes it predicts held-out blocks worse than the baseline "
+        f"({error_share(ratio)} of its error)."
     )
-    return verdict.model_copy(update={"reason": said + verdict.reason})
+    return verdict.model_copy(update={"reason": said})
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
@@ -232,8 +229,8 @@ def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
     if verdict.winner in (None, NONE) or ratios[best] > FAR_BETTER * ratios[verdict.winner]:
         return verdict
     said = (
-        f" But {best} predicts held-out blocks far better ({100.0 * ratios[best]:.0f} % of the baseline's error, "
-        f"{verdict.winner} {100.0 * ratios[verdict.winner]:.0f} %): where an event does not come at one Mach number on "
+        f" But {best} predicts held-out blocks far better ({error_share(ratios[best])} of the baseline's error, "
+        f"{verdict.winner} {error_share(ratios[verdict.winner])}): where an event does not come at one Mach number on "
         "all flights, a joint comparison misses it. Compare each flight by itself."
     )
     return verdict.model_copy(update={"reason": verdict.reason + said})

@@ -144,6 +144,11 @@ def share(value: float | None) -> str:
     return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
 
 
+def error_share(ratio: float | None) -> str:
+    """A held-out error over another in percent; of one far larger its size says nothing."""
+    return ">1000 %" if ratio is not None and ratio > 10.0 else share(ratio)
+
+
 def times(*ends: float) -> str:
     """A time in a sentence, or an interval's ends, to hundredths without needless digits: 2 s, 2 to 4.25 s."""
     return f"{' to '.join(dict.fromkeys(f'{round(end, 2):.9g}' for end in ends))} s"

@@ -379,10 +379,9 @@ def _of_noise(sigma: FloatArray) -> float:
 
 MOST_OTHERS = 2  # corrections named beside the best
 UNRELATED_WORDS = (
-    "{share:.0f} % of what the accelerometers sense across the axis does not follow from the gyros and the speed, "
-    "where noise leaves {noise:.1g} %, and no mistake of sign, axis or unit that was tried clearly explains it: "
-    "axes and signs of the gyros are in doubt, or gusts and controls move the vehicle more than "
-    "its own motion does. Check the map, or take another window (--start, --stop)"
+    "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
+    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
+    "or controls may do it too (--start, --stop)"
 )
 
 

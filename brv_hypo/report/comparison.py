@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 
 from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothesis
-from brv_hypo.io.text import hypothesis, number, probability, share
+from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
@@ -196,7 +196,6 @@ def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
 def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
-    unnamed, limits = verdict.winner in (None, "none"), _limit_texts(comparison)  # which are the answer then
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
     first: Mapping[str, Sequence[Chart]] = flights[0] if flights else defaultdict(list)
 
@@ -211,7 +210,7 @@ def comparison_document(comparison: Comparison) -> Document:
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
-        conclusion_title=f"Verdict: {hypothesis(verdict.winner or verdict.outcome)}",
+        conclusion_title=f"Verdict: {comparison.named() or verdict.outcome}",
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         ahead=(
@@ -221,7 +220,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ),
         beside=[
             *tables.estimate_blocks(comparison),
-            *([limits] if unnamed else []),
+            *tables.limit_blocks(comparison),
             *tables.process_blocks(comparison),
         ],
         blocks=(
@@ -232,8 +231,8 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Measured channels", first["channels"], folded=True),
             Section("Processes", [*tables.process_texts(comparison), *first["processes"]], folded=True),
             Section("Residual diagnostics", first["residual"]),
-            Section("Hypotheses and limits", [*_compared(comparison), *([] if unnamed else [limits])]),
-            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)]),
+            Section("Hypotheses and limits", _compared(comparison)),
+            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
                 "Coefficients",
@@ -256,7 +255,8 @@ def comparison_document(comparison: Comparison) -> Document:
 def _quality(comparison: Comparison) -> list[Block]:
     """Faults of the record, and what limits the result."""
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
-    known = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
+    own = (*comparison.warnings, *comparison.reconstruction.warnings)  # what was only corrected comes last
+    known = (*own, *faults) if comparison.record.sound else (*faults, *own)
     warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
     return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
@@ -285,24 +285,6 @@ def _compared(comparison: Comparison) -> list[Block]:
     ]
 
 
-def _limit_texts(comparison: Comparison) -> Texts:
-    """How large each mechanism may be, of the moment's rms and as a moment coefficient, and which are not known."""
-    verdict = comparison.verdict
-    withheld = [each.mechanism for each in verdict.limits if np.isnan(each.share_of_moment_95)]
-    said = [
-        f"{each.mechanism}: at most {share(each.share_of_moment_95)} of the moment's rms, C_m "
-        f"{number(each.coefficient_95, 2)}"
-        for each in verdict.limits
-        if each.mechanism not in withheld
-    ]
-    if verdict.outcome == "none adequate":
-        said = ["Withheld: no hypothesis that was compared is adequate."] if withheld else said
-    elif withheld:
-        said.append(f"Withheld for {', '.join(withheld)}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %, also of what could hide beside the leader"
-    return Texts(said, heading, shown="always" if verdict.winner in (None, "none") else "verbose")
-
-
 def _of_record(comparison: Comparison) -> list[Block]:
     """Errors over tolerances, and what the maximum likelihood says of its own fit."""
     rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
@@ -322,14 +304,20 @@ def _of_record(comparison: Comparison) -> list[Block]:
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
-    groups = comparison.collinear_groups if row is comparison.ranking[0] else ()
+    leads = row is comparison.ranking[0]  # its knots are on the first screen
+    groups = comparison.collinear_groups if leads else ()
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
-        tables.term_table(f"Net values of {name}", [v for each in row.intervals for v in each.values], "page"),
+        tables.term_table(
+            f"Net values of {name}",
+            [v for each in row.intervals for v in each.values],
+            "verbose" if leads else "page",
+            row.knots,
+        ),
         tables.term_table(
             f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
         ),
-        Texts(tables.knot_texts(row.knots), shown="verbose"),
+        *([] if leads else [tables.knot_table(comparison, row)]),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]
     if fit is not None:

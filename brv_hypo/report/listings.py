@@ -10,13 +10,14 @@ from typing import Any
 from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
-from brv_hypo.io.text import number, share, times
+from brv_hypo.io.text import NOT_A_NUMBER, number, share, times
 from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
-from brv_hypo.mechanisms.contract import Mechanism, Process
-from brv_hypo.mechanisms.registry import OWN, Installed, Item
+from brv_hypo.mechanisms.contract import Mechanism, Process, RecordEffect
+from brv_hypo.mechanisms.registry import OWN, Installed, Item, find, find_installed
 from brv_hypo.model.term import theta_grid
 from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.simulation import SimulatedFlight
+from brv_hypo.simulation.config import PlantedConfig
 
 # ---- An inspected record ----
 
@@ -180,23 +181,70 @@ def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def simulation_text(flown: SimulatedFlight) -> str:
-    """What was flown, what was planted, and how much of the moment that is."""
-    flight = flown.flight
+def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
+    """What was flown; what was planted, how large, and how much of the moment that is; `verbose` adds the size of each
+    error of record and vehicle.
+    """
+    flight, config = flown.flight, flown.config
     inside, outside = flown.truth.planted_share
     planted = ", ".join(flown.truth.planted) or "nothing"
     if flown.truth.planted:
         planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
-    errors = ", ".join(flown.config.instruments.errors)
-    return (
-        f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
-        f"{flight.sample_rate:.4g} Hz.\nPlanted: {planted}{'; errors of the record: ' if errors else ''}{errors}."
-    )
+    errors = ", ".join((*config.instruments.errors, *(each.mechanism for each in config.asymmetries)))
+    said = f"; errors of the record: {errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
+    return [
+        Texts(
+            (
+                f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
+                f"{flight.sample_rate:.4g} Hz.",
+                f"Planted: {planted}{said}.",
+                *(f"  {planted_text(each)}" for each in config.mechanisms),
+            ),
+            bullets=False,
+        ),
+        Table(_drawn_errors(flown) if verbose else (), "Errors of record and vehicle", ("error", "component", "unit")),
+    ]
+
+
+def planted_text(entry: PlantedConfig) -> str:
+    """A planted mechanism with its coefficients, delays and times."""
+    units = {each.name: each.units for each in find(entry.mechanism, entry.options).parameters()}
+    rate = " per s" if entry.kind == "ramp" else ""
+    sizes = [f"{name} {value:g}{rate}" for name, value in entry.terms.items()]
+    sizes += [f"{name} {value:g} {units[name]}" for name, value in entry.theta.items()]
+    ends = {"from": entry.start, "to": entry.stop}
+    when = " ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
+    return f"{entry.mechanism}: {', '.join(sizes)}, {f'{when} s' if when else 'throughout'}"
+
+
+def _drawn_errors(flown: SimulatedFlight) -> list[dict[str, str]]:
+    """One row for each error of record and vehicle: its size, and that in the tolerances stated."""
+    rows: list[tuple[str, str, float, str, float | None]] = []
+    for name, values in flown.config.instruments.errors.items():
+        item = find_installed(name)
+        known = {each.name: each for each in item.components(flown.flight)} if isinstance(item, RecordEffect) else {}
+        rows += [(name, part, value, known[part].units, known[part].size) for part, value in values.items()]
+    for entry in flown.config.asymmetries:
+        mechanism = find(entry.mechanism, entry.options)
+        terms = {each.name: each.units for each in mechanism.terms(sample_motion(uniform_time()), dict(entry.theta))}
+        sizes = dict(zip(terms, mechanism.tolerance(flown.flight) or (), strict=False))
+        rows += [(entry.mechanism, part, value, terms[part], sizes.get(part)) for part, value in entry.terms.items()]
+    return [
+        {
+            "error": name,
+            "component": part,
+            "size": number(value),
+            "unit": units,
+            "tolerances": number(value / size, 2) if size else NOT_A_NUMBER,
+        }
+        for name, part, value, units, size in rows
+    ]
 
 
 def simulation_data(flown: SimulatedFlight, path: Path) -> dict[str, Any]:
-    """The same as data for JSON."""
+    """The same as data for JSON; sizes are in SI."""
     inside, outside = flown.truth.planted_share
+    planted = flown.config.model_dump(include={"mechanisms", "asymmetries"})
     return {
         "schema": "brv-hypo/simulate/1",
         "path": str(path),
@@ -205,4 +253,6 @@ def simulation_data(flown: SimulatedFlight, path: Path) -> dict[str, Any]:
         "sample_rate_hz": flown.flight.sample_rate,
         "planted": list(flown.truth.planted),
         "planted_share": {"in_plane": inside, "out_of_plane": outside},
+        **planted,
+        "errors": flown.config.instruments.errors,
     }

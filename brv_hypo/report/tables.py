@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from brv_hypo.comparison.result import (
     Knot,
     NetInterval,
     ProcessEstimate,
+    RankedHypothesis,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -25,7 +27,19 @@ from brv_hypo.constants import CREDIBLE_PROBABILITY
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share, times
+from brv_hypo.io.text import (
+    NOT_A_NUMBER,
+    counted,
+    error_share,
+    f_ratio,
+    hypothesis,
+    interval,
+    known_to,
+    number,
+    probability,
+    share,
+    times,
+)
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -50,6 +64,9 @@ _VEHICLE = (
     "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
 _IN_PLANE: Mapping[str, str] = {"C_m0": "C_m,in"}  # what the moment at no angle of attack is at another
+_KNOT, _WIDTH = " knot", " onset width"  # how names of derived times end
+AT_RMS_PRESSURE = "N m: at the rms dynamic pressure of the record."
+NOT_EXCLUDED = "Above 100 %: nothing that is smaller than the whole moment is excluded."
 RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
@@ -80,7 +97,7 @@ def ranking_table(comparison: Comparison) -> Table:
             "terms": str(row.n_terms) + ("+" if row.status == "term limit" else ""),
             "F-ratio": number(row.f_ratio),
             "C_p": number(row.cp),
-            "pred. error": share(row.prediction_ratio),
+            "pred. error": error_share(row.prediction_ratio),
             "ln evidence": f"{row.log_evidence:.1f}".replace("nan", NOT_A_NUMBER),
             "prob.": probability(verdict.probability.get(row.mechanism)),
         }
@@ -145,31 +162,124 @@ def process_texts(comparison: Comparison) -> list[Texts]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, first what exceeds two standard errors; its knots and delays."""
-    leader = comparison.ranking[:1]
-    idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
-    every = [value for row in leader for each in row.intervals for value in each.values]
-    net = [value for value in every if value.region_s not in idle and abs(value.value) > 2.0 * value.std_error]
-    most = min(len(net), ROWS_AT_FIRST) or ROWS_AT_FIRST
+    """What the leader does between its knots, where it exceeds two standard errors, in time order; its knots; delays.
+
+    All of its net values where none exceeds that.
+    """
+    if not comparison.ranking:
+        return []
+    leader = comparison.ranking[0]
+    every = [value for each in leader.intervals for value in each.values]
+    acting = {(each.start_s, each.stop_s) for each in leader.intervals if each.acts}
+    net = [value for value in every if value.region_s in acting and abs(value.value) > 2.0 * value.std_error]
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     groups: dict[tuple[str, ...], list[NetInterval]] = {}
-    for each in (each for row in leader for each in row.intervals):
+    for each in leader.intervals:
         for group in each.collinear_groups:
             groups.setdefault(group, []).append(each)
     begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
-    ordered = [*net, *(value for value in every if value not in net)]
-    table = term_table(heading, ordered, "always", most=most, collinear=begins)
+    table = term_table(
+        heading, net or every, "always", leader.knots, ROWS_AT_FIRST, collinear=begins, derived=leader.derived
+    )
     marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
-    beside: Shown = "always" if any(marked[:most]) else "verbose"
-    known = [e for row in leader for e in row.derived if e.region_s is None]
-    derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
-    rises = any(term.name.startswith("ramp ") for row in leader for term in row.terms)
+    beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
+    within = sum(value not in net for value in every) if net else 0
+    rest = f"{counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
+    rises = any(term.name.startswith("ramp ") for term in leader.terms)
+    known = [e for e in leader.derived if e.region_s is None and _KNOT not in e.name and _WIDTH not in e.name]
+    shown = {term.delay_s for term in every}
+    derived = derived_texts(sorted((e for e in known if e.value not in shown), key=lambda e: (e.name, e.value)))
     return [
         table,
         Texts((RISING,) if rises and table.rows else (), bullets=False),
+        Texts((rest,) if within else (), bullets=False, shown="verbose"),
         Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
-        Texts(derived, most=ROWS_AT_FIRST, shown="verbose" if comparison.verdict.winner is None else "always"),
+        replace(knot_table(comparison, leader), most=ROWS_AT_FIRST, shown="always"),
+        Texts(derived, shown="verbose" if comparison.verdict.winner is None else "always"),
     ]
+
+
+def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
+    """One row for each knot of a hypothesis, in time order: its time on every flight, its error, over how long it comes
+    on, its Mach number.
+    """
+    rows: list[dict[str, str]] = []
+    found: list[tuple[DerivedEstimate, DerivedEstimate | None]] = []
+    for each in row.derived:  # a width follows its knot
+        if each.name.endswith(_KNOT):
+            found.append((each, None))
+        elif each.name.endswith(_WIDTH) and found:
+            found[-1] = (found[-1][0], each)
+    acts, flights = row.acting, comparison.flights
+    ends = {"onset": acts[0].start_s, "end": acts[-1].stop_s} if acts else {}
+    shared = len(flights) > 1 and bool(row.knots)
+    for knot, width in sorted(found, key=lambda pair: pair[0].value):
+        half = 0.0 if width is None else 0.5 * width.value
+        said = [name for name, at in ends.items() if abs(at - knot.value) <= half + 1e-6]
+        place = {"change": ", ".join(said) or "change"}
+        if shared:
+            mach = float(np.interp(knot.value, [k.time_s for k in row.knots], [k.mach for k in row.knots]))
+            place |= {f"flight {k + 1}, s": _own_time(row, k, knot.value) for k in range(len(flights))}
+            place[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
+        else:
+            mach = comparison.mach_at(knot.value)
+            place |= {"time, s": known_to(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
+        over = (
+            NOT_A_NUMBER
+            if width is None
+            else f"{known_to(width.value, width.std_error)} ± {number(width.std_error, 2)}"
+        )
+        rows.append(place | {"over, s": over, "Mach": number(mach)})
+    kept = [name for name in (rows[0] if rows else ()) if any(each[name] != NOT_A_NUMBER for each in rows)]
+    middle = " (the middle of what comes on over a time)" if "over, s" in kept else ""
+    heading = f"When {hypothesis(row.mechanism)} changes{middle}"
+    return Table([{name: each[name] for name in kept} for each in rows], heading, ("change",), shown="verbose")
+
+
+def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
+    """A flight's own time of what happens at a time of the reference flight (s)."""
+    known = [(k.time_s, k.flights_s[flight]) for k in row.knots if k.flights_s[flight] is not None]
+    if not known or not known[0][0] - 1e-6 <= at <= known[-1][0] + 1e-6:
+        return "not reached"
+    return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
+
+
+def limit_blocks(comparison: Comparison) -> list[Block]:
+    """How large each mechanism may be: of the moment's rms, as a moment coefficient and in N m, the smallest first; and
+    which are not known.
+    """
+    verdict, scale = comparison.verdict, _moment_scale(comparison)
+    known = [each for each in verdict.limits if np.isfinite(each.share_of_moment_95)]
+    rows = [
+        {
+            "mechanism": each.mechanism,
+            "of the moment's rms": share(each.share_of_moment_95),
+            "C_m, rms": number(each.coefficient_95, 2),
+            **({} if scale is None else {"N m, rms": number(each.coefficient_95 * scale, 2)}),
+        }
+        for each in sorted(known, key=lambda each: each.share_of_moment_95)
+    ]
+    withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
+    said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
+    if any(each.share_of_moment_95 > 1.0 for each in known):
+        said.append(NOT_EXCLUDED)
+    if verdict.outcome == "none adequate":
+        said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
+    elif withheld:
+        said.append(f"Withheld for {withheld}: the record says nothing of their size.")
+    heading = "Upper limits at 95 %, also of what could hide beside the leader"
+    return [Table(rows, heading, ("mechanism",)), Texts([" ".join(said)] if said else (), bullets=False)]
+
+
+def _moment_scale(comparison: Comparison) -> float | None:
+    """Rms of dynamic pressure, over all flights, times area and length: N m of a moment coefficient of 1."""
+    flown = zip(comparison.series, comparison.flights, strict=False)
+    parts = [
+        np.array(each.dynamic_pressure_pa) * flight.vehicle["reference_area"] * flight.vehicle["reference_length"]
+        for each, flight in flown
+        if {"reference_area", "reference_length"} <= flight.vehicle.keys()
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
 
 
 def size_table(comparison: Comparison) -> Table:
@@ -262,12 +372,19 @@ def term_table(
     knots: Sequence[Knot] = (),
     most: int | None = None,
     collinear: Iterable[Sequence[str]] = (),
+    derived: Iterable[DerivedEstimate] = (),
 ) -> Table:
-    """One row for each coefficient; `knots` give the ends of its region by Mach number; no column without a value.
+    """One row for each coefficient; no column without a value.
 
-    Those in a group of `collinear` ones, named with the times that they begin at, are marked.
+    `knots`: the ends of its region are Mach numbers, as each flight has times of its own. Those in a group of
+    `collinear` ones, named with the times that they begin at, are marked. `derived` has the errors of delays.
     """
     machs = {knot.time_s: knot.mach for knot in knots}
+    errors = {
+        each.value: f"{known_to(each.value, each.std_error)} ± {number(each.std_error, 2)}"
+        for each in derived
+        if np.isfinite(each.std_error)
+    }
     digits = decimals(list(machs.values()))
     rows, marked = [], {name for group in collinear for name in group}
     for term in terms:
@@ -281,27 +398,14 @@ def term_table(
                 "value": known_to(term.value, term.std_error) + (COLLINEAR_MARK if begins in marked else ""),
                 "sigma": number(term.std_error, 2),
                 "F": f_ratio(term.f_ratio),
-                "region, s": interval(term.region_s),
+                "region, s": NOT_A_NUMBER if machs else interval(term.region_s),
                 "Mach": "–".join(f"{end:.{digits}f}" for end in ends) if len(ends) == 2 else NOT_A_NUMBER,
-                "delay, s": number(term.delay_s),
+                "delay, s": errors.get(term.delay_s or 0.0, number(term.delay_s)),
             }
         )
     kept = [name for name in (rows[0] if rows else ()) if any(row[name] != NOT_A_NUMBER for row in rows)]
     rows = [{name: row[name] for name in kept} for row in rows]
     return Table(rows, heading, ("term", "plane", "unit"), most=most, shown=shown)
-
-
-def knot_texts(knots: Sequence[Knot]) -> list[str]:
-    """One line for each knot of several flights: its Mach number, and every flight's own time of it."""
-    digits = decimals([knot.mach for knot in knots])
-    return [
-        f"Mach {knot.mach:.{digits}f}: "
-        + ", ".join(
-            f"flight {k} {'does not reach it' if own is None else f'at {own:.2f} s'}"
-            for k, own in enumerate(knot.flights_s, start=1)
-        )
-        for knot in knots
-    ]
 
 
 def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
@@ -350,10 +454,7 @@ def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
     lines = flight_lines(comparison.flights)
     if comparison.reference_flight is not None:
-        lines.append(
-            f"times are those of flight {comparison.reference_flight}; terms begin and end at the same Mach numbers on "
-            "every flight"
-        )
+        lines.append("terms begin and end at the same Mach numbers on every flight, each at its own times")
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:
         lines.append(motion_known(known.method, known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))

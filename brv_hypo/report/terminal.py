@@ -51,7 +51,7 @@ def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
         more = 0 if verbose or block.most is None else max(len(texts) - block.most, 0)
         style = "yellow" if block.warning else "dim"
         grid = Grid.grid(padding=(0, 1))
-        for text in (*texts[: len(texts) - more], *([f"and {more} more: -v"] if more else [])):
+        for text in (*texts[: len(texts) - more], *([f"and {more} more: add -v"] if more else [])):
             grid.add_row(" -", text, style=style)
         yield from (Text(block.heading, style), grid)
         return
@@ -63,7 +63,7 @@ def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
     shown = block.rows if verbose else block.rows[: block.most]
     yield Fitted(replace(block, rows=shown))
     if len(shown) < len(block.rows):
-        yield Text(f"and {len(block.rows) - len(shown)} more: -v", "dim")
+        yield Text(f"and {len(block.rows) - len(shown)} more: add -v", "dim")
 
 
 class Fitted:

@@ -75,12 +75,13 @@ def families_chart(step: Step) -> Chart:
 
 def families_text(step: Step) -> str:
     """The families that hold some of a step's residual, with their intervals and the largest process of each."""
-    known = [each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY]
-    return ", ".join(
-        f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))}"
-        f"{'' if each.history is None else f', mostly {each.history.process}'})"
-        for each in known
-    )
+    said = []
+    for each in (each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY):
+        whole, low, high = (share(value) for value in (each.share, *each.interval_95))
+        beside = [] if low == high == whole else [f"{low.removesuffix(' %')} to {high}"]
+        beside += [] if each.history is None else [f"mostly {each.history.process}"]
+        said.append(f"{each.family} {whole}" + (f" ({', '.join(beside)})" if beside else ""))
+    return ", ".join(said)
 
 
 def _history_text(history: ProcessHistory) -> str:
@@ -124,9 +125,14 @@ def trace_document(result: Trace) -> Document:
         result.unexplained,
         beyond_text(result.record_errors),
     )
+    names = [each.model for each in result.account]
     account = [
-        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
-        for each in result.account
+        {
+            "model": each.model + (f", part {names[:k].count(each.model) + 1}" if names.count(each.model) > 1 else ""),
+            "held out": number(each.held_out),
+            "sigma": number(each.std_error, 2),
+        }
+        for k, each in enumerate(result.account)
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
     errors = Table(
@@ -139,7 +145,8 @@ def trace_document(result: Trace) -> Document:
     drawn, known = _charts(result), result.record_errors
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
-    final = () if result.final_residual is None else (residual_text(result.final_residual),)
+    ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
+    final = () if ended or result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
@@ -172,12 +179,13 @@ def trace_document(result: Trace) -> Document:
 
 
 def _found_text(result: Trace) -> str:
-    """What was found, and which families hold the residual of the first model, in one sentence."""
-    families, found = families_text(result.steps[0]), ", ".join(result.findings)
-    if not found:
-        explained = f"; families of processes explain the residual: {families}" if families else ""
-        return f"No effect with a name was found{explained}."
-    return f"Found: {found}" + (f"; by family, the first model's residual: {families}." if families else ".")
+    """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
+    if result.findings:
+        left = share(result.account[-1].held_out / result.steps[0].error_before.held_out)
+        return f"Found: {', '.join(result.findings)}; the held-out error falls to {left} of the first model's."
+    families = "" if result.steps[0].residual.white else families_text(result.steps[0])
+    explained = f"; families of processes explain the residual: {families}" if families else ""
+    return f"No effect with a name was found{explained}."
 
 
 def residual_text(residual: Residual) -> str:
@@ -206,7 +214,8 @@ def _step(step: Step) -> list[Block]:
     largest = next((each.history for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY), None)
     small = [each.family for each in step.decomposition if each.interval_95[0] <= LEAST_FAMILY]
     others = f"not surely above {share(LEAST_FAMILY)}: {', '.join(small)}" if small else ""
-    families = "; ".join(filter(None, (families_text(step), others)))
+    families = "; ".join(filter(None, (families_text(step), others))) if families_text(step) else ""
+    done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = [f"By family: {families}."] if families else []
     sentences += [f"{_history_text(largest)}."] if largest is not None else []
     sentences.append(outcome_text(step))
@@ -216,7 +225,7 @@ def _step(step: Step) -> list[Block]:
     words = ("effect", "kind", "confounded with")
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
-        Table(candidates, words=words, marked=marked, most=CANDIDATES_AT_FIRST),
+        Table(candidates, words=words, marked=marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
         Texts(sentences, bullets=False, strong=step.added is not None),
     ]
 

@@ -183,6 +183,12 @@ class InstrumentsConfig(TolerancesConfig):
     spikes: tuple[SpikesConfig, ...] = ()  # samples that are off
     gaps: tuple[GapConfig, ...] = ()  # samples that are missing
 
+    @property
+    def silent(self) -> bool:
+        """Whether no instrument has noise, which no record of a flight is without."""
+        gauges = (self.gyro, self.accelerometer, self.velocity, self.dynamic_pressure, self.altitude)
+        return not any(gauge.noise for gauge in gauges)
+
 
 class SimulationConfig(Section):
     """A simulated flight."""
@@ -291,10 +297,11 @@ def load_config(
 ) -> SimulationConfig:
     """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted.
 
-    `keywords` replace top-level keys. Raises UsageError that names each wrong key, what it holds and what is expected.
+    `keywords` take the place of its keys, mappings key by key. Raises UsageError that names each wrong key, what it
+    holds and what is expected.
     """
     if isinstance(source, SimulationConfig) and keywords:
-        source = {name: getattr(source, name) for name in source.model_fields_set}
+        source = source.model_dump(exclude_unset=True)
     config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
     unknown = [name for name in plant if name not in config.plantable]
     if unknown:
@@ -307,7 +314,7 @@ def load_config(
 
 
 def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -> SimulationConfig:
-    """`base: NAME` takes over another file's top-level keys, where the mapping or file has none of its own."""
+    """`base: NAME` takes over another file's keys, where the mapping or file has none of its own."""
     expected = "a simulation with `vehicle`, `start` ..."
     origin = "simulation configuration"
     if not isinstance(source, Mapping):
@@ -317,11 +324,22 @@ def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -
         base = read_yaml(config_path(str(source["base"])), expected)
         if "base" in base:
             raise UsageError(f"the base configuration '{source['base']}' has a base itself; one level is allowed")
-        source = base | {key: value for key, value in source.items() if key != "base"}
+        source = _over(base, {key: value for key, value in source.items() if key != "base"})
     try:
-        return SimulationConfig.model_validate({**source, **keywords})
+        return SimulationConfig.model_validate(_over(source, keywords))
     except ValidationError as error:
         raise UsageError(f"{origin}: {problems_of(error, _hint)}. All values are SI, angles in rad.") from None
+
+
+def _over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """`own` over `base`, key by key in sections too, so that what is not named anew stays; an empty section empties."""
+    merged = dict(base)
+    for key, value in own.items():
+        below = merged.get(key)
+        merged[key] = (
+            _over(below, value) if value and isinstance(below, Mapping) and isinstance(value, Mapping) else value
+        )
+    return merged
 
 
 def _hint(location: Sequence[str | int]) -> str:

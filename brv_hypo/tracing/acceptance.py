@@ -236,6 +236,8 @@ class Tried:
     """Whether every fit has it within its tolerance."""
     gain: float = 0.0
     """Of the log evidence beside all processes or, up to none, in the place of its family's; where `agrees`."""
+    white: bool = False
+    """Whether the residual before is noise, beside which an effect is added only if the evidence clearly wants it."""
     may_be_named: bool = True
     """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
@@ -274,7 +276,7 @@ class Tried:
 
         What the evidence does not want beside them is refused where another family explains most of the residual.
         """
-        wanted = self.gain > (0.0 if self.has_tolerance else -SPECIFIC)
+        wanted = self.gain > (SPECIFIC if self.white else 0.0 if self.has_tolerance else -SPECIFIC)
         return self.agrees and wanted and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
@@ -443,7 +445,7 @@ def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
         known = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         before = replace(fit, known=np.array([*np.full(len(fit.model.columns), np.nan), *known]))
-    tried = Tried(candidate, before, added, tolerance)
+    tried = Tried(candidate, before, added, tolerance, white=fit.residual.white)
     if not tried.agrees:
         return tried
     there, own = beside_processes(added, fit.model, added.data.fitted), added.model.added[-1]

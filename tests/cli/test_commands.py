@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from brv_hypo import reconstruct
+from brv_hypo.cli import session
 from brv_hypo.flight import load_flight, read_tree
 from brv_hypo.report.reconstruction import reconstruction_document
 from tests.truth import load_truth
@@ -22,6 +24,17 @@ TERM_KEYS = "name mechanism channel value std_error f_ratio units region_s delay
 def strict_json(text):
     """The value of a JSON text; NaN and infinity are no JSON."""
     return json.loads(text, parse_constant=lambda constant: pytest.fail(f"{constant} is not JSON"))
+
+
+def test_a_stage_has_a_line_where_there_is_no_terminal_not_one_for_each_percent(capsys, monkeypatch):
+    monkeypatch.setattr(session, "LINE_SECONDS", 0.01)
+    with session.shown("flying", quiet=False) as report:
+        for stage in ("flying", "landing"):
+            for k in range(10):
+                report(k / 10.0, stage)
+                time.sleep(0.02)
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r"^\d+ s: |, \d+% done$", "", line) for line in lines] == ["flying", "landing"]
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +69,21 @@ class TestSimulate:
         result = strict_json(planted[0].stdout)
         assert result["planted"] == ["bodyfixed"]
         assert result["planted_share"]["out_of_plane"] > 0.0
+        assert result["mechanisms"][0]["terms"] == {"C_b cos(phi_b)": 8.0e-4, "C_b sin(phi_b)": -3.0e-4}
+
+    def test_sizes_of_what_is_planted_and_drawn_are_printed(self, brv_hypo, brief_config, tmp_path):
+        done = brv_hypo("simulate", brief_config, "--draw", 1, "-v", "--json", "f.json", "-o", "f.h5", cwd=tmp_path)
+        assert "  sticking: eps 0.6, delay 0.12 s, from 0.2 s" in done.stdout
+        errors = strict_json((tmp_path / "f.json").read_text())["errors"]
+        assert re.search(rf"gyro_bias +q +{errors['gyro_bias']['q']:.3g} +rad/s", done.stdout)
+        assert re.search(r"trim +C_m0 +\S+ +1 +\S+", done.stdout)
+        assert "no instrument has noise" not in done.stderr
+
+    def test_a_record_without_noise_is_warned_of(self, brv_hypo, tmp_path):
+        text = "base: research_cone\nduration: 0.5\nsample_rate: 100.0\nstep: 0.01\ninstruments: {}\n"
+        (tmp_path / "f.yaml").write_text(text)
+        done = brv_hypo("simulate", "f.yaml", "-o", "f.h5", cwd=tmp_path)
+        assert "no instrument has noise" in done.stderr
 
     def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, brief_config, tmp_path):
         target = tmp_path / "flight.h5"

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import brv_hypo
+from brv_hypo.cli.session import Session
 from brv_hypo.comparison.summary import flight_summary
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.report.reconstruction import reconstruction_document
 from brv_hypo.report.tables import flight_lines
+from brv_hypo.simulation import config_path
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
@@ -32,6 +34,13 @@ def test_a_file_replaces_what_it_names(flight_file, tmp_path):
     assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
     assert found.wind == of_grade("tactical").wind
     assert found.described == "tactical but for 2 of 14 tolerances"
+
+
+def test_a_file_that_comes_along_has_a_name(flight_file):
+    along = Session(instruments="opportunity").load(flight_file).instruments
+    assert along == load_flight(flight_file, instruments=config_path("opportunity", "instruments")).instruments
+    assert along.accel_position == pytest.approx((0.01, 0.01, 0.01))
+    assert Session(instruments="industrial").load(flight_file).instruments == of_grade("industrial")
 
 
 def test_the_grade_is_at_the_top_of_an_answer(flight_file):

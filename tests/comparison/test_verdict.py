@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Explained, ProcessEstimate, Verdict
+from brv_hypo.comparison.result import Explained, ProcessEstimate, Verdict, percent
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
@@ -145,17 +145,18 @@ def test_a_clear_leader_is_named() -> None:
     assert verdict.adequacy is not None
     assert verdict.adequacy.adequate
     assert (verdict.explained, verdict.processes) == (explained(0.83), (process(0.012),))
-    assert verdict.reason == (
-        "lag explains the moments best (probability above 0.99): 83 % of the mean square that the baseline does not."
-    )
+    assert verdict.reason == "lag explains the moments best (probability above 0.99)."
 
 
 def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to() -> None:
     named, null = said(NULL, LAG), said(NULL)
     assert with_prediction_error(named, 0.4) == named
     reason = with_prediction_error(named, 1.3).reason
-    assert reason.startswith("lag is named beside processes only: ")
+    assert reason.startswith("lag describes the moments best (probability above 0.99)")
+    assert "explains" not in reason
+    assert "no established cause" in reason
     assert "(130 % of its error)" in reason
+    assert "(>1000 % of its error)" in with_prediction_error(named, 520.0).reason
     assert with_prediction_error(null, 1.3) == null
 
 
@@ -175,10 +176,9 @@ def test_the_baseline_may_be_named() -> None:
     )
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89 %"), (0.0123, "1 %"), (None, "part")])
-def test_a_name_says_how_much_it_explains(share: float | None, words: str) -> None:
-    verdict = judge([NULL, LAG], [], GOOD, None if share is None else explained(share))
-    assert f": {words} of the mean square" in verdict.reason
+@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89"), (0.0123, "1"), (1e-6, "<0.01"), (0.0, "0.00")])
+def test_how_much_a_name_explains_is_told_near_nothing_and_all_to_hundredths(share: float, words: str) -> None:
+    assert percent(share) == words
 
 
 def test_close_hypotheses_are_told_together() -> None:

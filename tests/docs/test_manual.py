@@ -122,7 +122,6 @@ def test_options_that_are_mentioned_exist(topic):
 def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     (shown,) = (snippet for snippet in snippets("loop") if snippet.language == "sh")
     shutil.copy(shared_file("data/opportunity/opportunity_entry.h5"), tmp_path)
-    shutil.copytree(Path(__file__).parents[2] / "configs" / "instruments", tmp_path / "configs" / "instruments")
     printed = []
     *commands, variants = shown.body.splitlines()
     assert variants.startswith("python -m tests.studies.loop.variants opportunity_entry.h5")

@@ -105,7 +105,6 @@ def accepted(walk: Walk) -> None:
 def measured_loop(walk: Walk) -> None:
     """The loop on Opportunity's record, its repetitions left out."""
     _copied(walk, "opportunity", "*.h5")
-    shutil.copytree(ROOT / "configs" / "instruments", walk.folder / "configs" / "instruments")
     (shown,) = (snippet for snippet in snippets("loop") if snippet.language == "sh")
     walk.shown(shown.body.splitlines()[:-1])
 

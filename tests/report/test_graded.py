@@ -15,6 +15,7 @@ from brv_hypo.comparison.diagnostics import events_unreached
 from brv_hypo.comparison.result import (
     LEAST_PROCESS,
     QUOTED,
+    DerivedEstimate,
     Explained,
     Knot,
     MaximumLikelihood,
@@ -22,21 +23,31 @@ from brv_hypo.comparison.result import (
     NetInterval,
     ProcessEstimate,
     RecordError,
+    RecordSummary,
     TermEstimate,
     beyond_text,
     beyond_tolerances,
 )
 from brv_hypo.constants import BEYOND_CHANCE
 from brv_hypo.docs import text
-from brv_hypo.io.text import hypothesis
+from brv_hypo.flight.record import RecordFault
+from brv_hypo.io.text import hypothesis, number
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.html import page
-from brv_hypo.report.tables import RISING, estimate_blocks, flight_texts, ranking_table
+from brv_hypo.report.tables import (
+    RISING,
+    estimate_blocks,
+    flight_texts,
+    knot_table,
+    limit_blocks,
+    ranking_table,
+    term_table,
+)
 from brv_hypo.report.terminal import terminal_view
-from tests.chains import compared_nominal
+from tests.chains import compared_nominal, compared_sticking
 
 NAN = float("nan")
 EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92), processes=0.09, noise=0.04)
@@ -109,7 +120,7 @@ class TestTerminal:
     def test_four_processes_are_shown_in_80_columns_and_the_others_with_verbose(self) -> None:
         short, whole = printed(graded()), printed(graded(), verbose=True)
         assert max(cell_len(line) for line in short.splitlines()) <= 80
-        assert "and 3 more: -v" in short
+        assert "and 3 more: add -v" in short
         assert f"At most 0.1 % of the static moment: {PROCESSES[-1].name}." in whole
         assert PROCESSES[-1].share_of_moment <= LEAST_PROCESS
         for each in PROCESSES[:4]:
@@ -126,16 +137,21 @@ class TestTerminal:
             assert ("are nearly collinear" in printed(named)) == short
             assert "are nearly collinear" in printed(named, verbose=True)
 
-    def test_values_within_two_standard_errors_follow_with_verbose(self) -> None:
+    def test_values_beyond_two_standard_errors_stand_in_time_order_and_the_others_with_verbose(self) -> None:
         value = graded().ranking[0].terms[0].model_copy(update={"std_error": 0.1, "region_s": (0.0, 1.0)})
-        sizes = {"large": 1.0, "small": 0.1, "less": 0.01}
-        values = [value.model_copy(update={"name": name, "value": size}) for name, size in sizes.items()]
-        interval = NetInterval(start_s=0.0, stop_s=1.0, values=values)
-        row = graded().ranking[0].model_copy(update={"intervals": (interval,)})
+        sizes = ({"first": 0.5, "less": 0.01}, {"second": 1.0, "small": 0.1})
+        intervals = []
+        for begin, some in enumerate(sizes):
+            region = (float(begin), begin + 1.0)
+            values = [value.model_copy(update={"name": n, "value": x, "region_s": region}) for n, x in some.items()]
+            intervals.append(NetInterval(start_s=region[0], stop_s=region[1], values=values))
+        row = graded().ranking[0].model_copy(update={"intervals": intervals})
         shown = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
         table, *_ = estimate_blocks(shown)
-        assert (table.most, [each["term"] for each in table.rows]) == (1, list(sizes))
-        assert "and 2 more: -v" in printed(shown)
+        assert [each["term"] for each in table.rows] == ["first", "second"]
+        said = "2 further values within two sigma: see the terms of damping."
+        assert [said in " ".join(printed(shown, verbose=verbose).split()) for verbose in (False, True)] == [False, True]
+        assert "small" in printed(shown, verbose=True)
 
     def test_a_value_that_rises_is_said_to_be_a_mean(self) -> None:
         for name, said in (("ramp in C", True), ("jump in C", False)):
@@ -146,20 +162,30 @@ class TestTerminal:
             shown = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
             assert (RISING in " ".join(printed(shown).split())) == said
 
-    @pytest.mark.parametrize("outcome", ["named", "undecided"])
-    def test_limits_are_the_answer_where_no_mechanism_is_named(self, outcome: str) -> None:
-        """Of the moment's rms and as a moment coefficient, a line each; they are no sign of a mechanism."""
+    @pytest.mark.parametrize(("outcome", "winner"), [("named", "damping"), ("named", "none"), ("undecided", None)])
+    def test_limits_are_on_the_first_screen_whatever_is_named(self, outcome: str, winner: str | None) -> None:
+        """Of the moment's rms, as a moment coefficient and in N m; they are no sign of a mechanism."""
+        large = MechanismLimit(mechanism="inplane", share_of_moment_95=1.9, coefficient_95=1.9 * MOMENT)
         limit = MechanismLimit(mechanism="damping", share_of_moment_95=0.02, coefficient_95=0.02 * MOMENT)
-        limits = (limit, MechanismLimit(mechanism="lag"))
-        winner = "none" if outcome == "named" else None
-        for name in (winner, "damping"):
-            shown = printed(graded(name, outcome=outcome, limits=limits))
-            assert ("damping: at most 2 % of the moment's rms, C_m 0.00082" in shown) == (name == winner)
-            assert ("Withheld for lag: the record says nothing of their size." in shown) == (name == winner)
-            assert max(map(cell_len, shown.splitlines())) <= 80
-            assert len(shown.splitlines()) <= 40
-            said = " ".join(printed(graded(name, limits=limits), verbose=True).split())
-            assert "Upper limits at 95 %, also of what could hide beside the leader" in said
+        shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
+        begin = shown.index("Upper limits at 95 %, also of what could hide beside the leader")
+        assert line_of(shown[begin:], "damping")[:4] == ["damping", "2", "%", "0.00082"]
+        assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
+        said = " ".join(shown.split())
+        assert "Above 100 %: nothing that is smaller than the whole moment is excluded." in said
+        assert "Withheld for lag: the record says nothing of their size." in said
+        assert max(map(cell_len, shown.splitlines())) <= 80
+        assert len(shown.splitlines()) <= 45
+
+    def test_a_limit_is_a_moment_at_the_pressure_of_the_record(self) -> None:
+        comparison = compared_sticking()
+        each = comparison.verdict.limits[0]
+        table, texts = limit_blocks(comparison)
+        (row,) = (row for row in table.rows if row["mechanism"] == each.mechanism)
+        vehicle, pressure = comparison.flights[0].vehicle, np.array(comparison.series[0].dynamic_pressure_pa)
+        scale = np.sqrt(np.mean(pressure**2)) * vehicle["reference_area"] * vehicle["reference_length"]
+        assert row["N m, rms"] == number(each.coefficient_95 * scale, 2)
+        assert "N m: at the rms dynamic pressure" in texts.texts[0]
 
     def test_a_process_has_its_size_with_error_and_unit_and_its_multiple_of_an_ordinary_size(self) -> None:
         shown = printed(graded())
@@ -211,7 +237,9 @@ class TestPage:
     def test_limits_that_are_withheld_are_not_drawn_and_the_page_says_why(self) -> None:
         withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))
         assert "limits" not in {chart.name for chart in comparison_document(withheld).charts}
-        assert "Withheld: no hypothesis that was compared is adequate." in page(comparison_document(withheld))
+        assert "Limits are withheld: no hypothesis that was compared is adequate." in page(
+            comparison_document(withheld)
+        )
         document = comparison_document(graded())
         assert "limits" in {chart.name for chart in document.charts}
         texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
@@ -328,14 +356,55 @@ def test_a_flight_that_does_not_reach_an_event_is_said() -> None:
         )
 
 
-def test_whose_times_are_shown_is_said_once() -> None:
+def test_every_flight_has_its_own_times_of_what_changes() -> None:
+    """No time of a flight that nobody chose: Mach numbers, and a column of times for each flight."""
     comparison = graded()
-    flights = comparison.flights * 2
-    joint = comparison.model_copy(update={"flights": flights, "reference_flight": 2})
-    said = "times are those of flight 2; terms begin and end at the same Mach numbers on every flight"
-    assert flight_texts(joint).count(said) == 1
-    assert said in " ".join(printed(joint).split())
-    assert said not in flight_texts(comparison)
+    knots = [Knot(time_s=at, mach=24.0 - at, flights_s=(at + 5.0, own)) for at, own in ((1.0, 2.0), (2.0, None))]
+    late = DerivedEstimate(name="damping knot", value=2.0, std_error=0.2, units="s")
+    early = late.model_copy(update={"value": 1.0})
+    width = late.model_copy(update={"name": "damping onset width", "value": 0.2})
+    value = comparison.ranking[0].terms[0].model_copy(update={"value": 9.0, "std_error": 1.0, "region_s": (1.0, 2.0)})
+    interval = NetInterval(start_s=1.0, stop_s=2.0, values=(value,))
+    found = {"knots": knots, "derived": (late, early, width), "intervals": (interval,)}
+    row = comparison.ranking[0].model_copy(update=found)
+    about = {"flights": comparison.flights * 2, "reference_flight": 2, "ranking": (row, *comparison.ranking[1:])}
+    joint = comparison.model_copy(update=about)
+    table = knot_table(joint, row)
+    assert [each["change"] for each in table.rows] == ["onset", "end"]
+    assert [each["flight 1, s"] for each in table.rows] == ["6.00", "7.00"]
+    assert [each["flight 2, s"] for each in table.rows] == ["2.00", "not reached"]
+    assert [each["Mach"] for each in table.rows] == ["23", "22"]
+    assert [each["sigma (flight 2)"] for each in table.rows] == ["0.2", "0.2"]
+    shown = printed(joint)
+    assert "region, s" not in shown
+    assert line_of(shown, value.name)[-1] == "23.00–22.00"
+    assert "It acts from Mach" in " ".join(shown.replace("│", " ").split())
+    assert any("each at its own times" in line for line in flight_texts(joint))
+    assert not any("own times" in line for line in flight_texts(comparison))
+
+
+def test_a_delay_in_a_table_has_its_error() -> None:
+    value = graded().ranking[0].terms[0].model_copy(update={"delay_s": 0.12})
+    delay = DerivedEstimate(name="lag delay", value=0.12, std_error=0.003, units="s")
+    assert [row["delay, s"] for row in term_table("t", [value], derived=[delay]).rows] == ["0.1200 ± 0.003"]
+
+
+def test_a_name_that_is_a_description_only_is_in_the_heading_as_one() -> None:
+    """The heading does not name what the first sentence takes back; far larger errors are no numbers."""
+    comparison = graded("damping")
+    row = comparison.ranking[0].model_copy(update={"prediction_ratio": 520.0})
+    poor = comparison.model_copy(update={"ranking": (row, *comparison.ranking[1:])})
+    assert "Verdict: damping ─" in printed(comparison)
+    shown = printed(poor)
+    assert "Verdict: damping, a description and no established cause ─" in shown
+    assert ">1000 %" in shown
+
+
+def test_what_was_only_corrected_is_warned_of_last() -> None:
+    spikes = RecordFault("q", "spikes", 1.0, 2.0, "replaced by a cubic spline", False)
+    shown = graded().model_copy(update={"warnings": ("tell-tale",), "record": RecordSummary(faults=(spikes,))})
+    text = printed(shown)
+    assert text.index("tell-tale") < text.index("cubic spline")
 
 
 def test_every_process_and_key_is_in_the_manual() -> None:

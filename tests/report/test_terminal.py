@@ -85,7 +85,7 @@ def test_details_are_shown_with_verbose_alone(verbose, rows) -> None:
     blocks = (table, Texts(("every detail",), shown="verbose"), Texts(("for the page",), shown="page"))
     text = printed(terminal_view(Document("t", ("record",), "Verdict", "words", True, blocks), verbose=verbose), 80)
     assert text.count("row ") == rows
-    assert ("and 3 more: -v" in text) != verbose
+    assert ("and 3 more: add -v" in text) != verbose
     assert ("every detail" in text) == verbose
     assert "for the page" not in text
 

@@ -110,6 +110,22 @@ def test_a_file_may_build_on_another(tmp_path: Path) -> None:
     assert load_config(path).duration == 2.0
 
 
+def test_a_section_keeps_what_is_not_named_anew(tmp_path: Path) -> None:
+    """Of its base, of a configuration and of keywords alike: a drawn error leaves the noise; an empty section none."""
+    cone, path = load_config("research_cone"), tmp_path / "mine.yaml"
+    path.write_text("base: research_cone\ninstruments: {draw: 1, gyro: {noise: 0.1}}\nvehicle: {mass: 3}\n")
+    own = load_config(path)
+    assert (own.instruments.draw, own.instruments.gyro.noise, own.vehicle.mass) == (1.0, 0.1, 3.0)
+    assert own.instruments.velocity == cone.instruments.velocity
+    assert own.vehicle.ixx == cone.vehicle.ixx
+    for source in ("research_cone", cone, {"base": "research_cone"}):
+        drawn = load_config(source, keywords={"instruments": {"draw": 1.0}}).instruments
+        assert (drawn.draw, drawn.gyro, drawn.silent) == (1.0, cone.instruments.gyro, False)
+    path.write_text("base: research_cone\ninstruments: {}\nplantable: {}\n")
+    assert load_config(path).instruments.silent
+    assert not load_config(path).plantable
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -118,7 +134,7 @@ def test_a_file_may_build_on_another(tmp_path: Path) -> None:
         ("base: research_cone\ndurations: 3", "'durations' is not a known key.*is 'duration' meant"),
         ("base: research_cone\nduration: -3", "'duration': Input should be greater than 0, got -3"),
         ("base: research_cone\nstep: 0.003", "whole number: try step 0.0025"),
-        ("base: research_cone\nvehicle: {mass: 3}", "'vehicle.ixx' is missing"),
+        ("vehicle: {mass: 3}", "'vehicle.ixx' is missing"),
         ("base: research_cone\nduration: 0.05", "at least 16"),
         (
             "base: research_cone\nvehicle: {mass: 3, ixx: 9, iyy: 2, reference_length: 1, reference_area: 1}",

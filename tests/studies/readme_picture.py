@@ -11,8 +11,8 @@ from rich.console import Console, RenderableType
 
 from brv_hypo.comparison import compare
 from brv_hypo.report.comparison import comparison_document
-from brv_hypo.report.listings import simulation_text
-from brv_hypo.report.terminal import terminal_view
+from brv_hypo.report.listings import simulation_blocks
+from brv_hypo.report.terminal import blocks_view, terminal_view
 from brv_hypo.simulation import simulate
 
 WIDTH = 88
@@ -33,7 +33,7 @@ def demo_picture() -> str:
     flown = simulate("demo", seed=SEED)
     comparison = compare([flown.flight])
     view = terminal_view(comparison_document(comparison))
-    return terminal_picture(simulation_text(flown), "", view, title="brv-hypo demo")
+    return terminal_picture(blocks_view(simulation_blocks(flown), False), "", view, title="brv-hypo demo")
 
 
 if __name__ == "__main__":

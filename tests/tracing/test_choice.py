@@ -89,6 +89,13 @@ def test_a_name_outside_the_family_that_explains_most_is_refused_and_a_descripti
     assert known(tried, may_be_named=False).accepted is accepted
 
 
+def test_beside_noise_nothing_is_added_that_the_evidence_does_not_clearly_want() -> None:
+    tried = known(judged(candidate("accel_scale", 90.0), 5.0, 0.5), has_tolerance=True, gain=0.1)
+    assert tried.accepted
+    assert not known(tried, white=True).accepted
+    assert known(tried, white=True, gain=2.0 * SPECIFIC).accepted
+
+
 def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)

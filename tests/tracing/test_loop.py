@@ -10,8 +10,9 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.report.document import Texts, flat
-from brv_hypo.report.trace import trace_document
+from brv_hypo.io.text import share
+from brv_hypo.report.document import Table, Texts, flat
+from brv_hypo.report.trace import families_text, trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
@@ -148,14 +149,36 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     history = ProcessHistory(process="own_drift", title="a drift of one's own", units="1", **own)
     family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), history=history)
     small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
-    first = traced.steps[0].model_copy(update={"decomposition": (family, small)})
-    shares = "body 83 % (70 % to 90 %, mostly own_drift)."
+    residual = traced.steps[0].residual.model_copy(update={"white": False})
+    first = traced.steps[0].model_copy(update={"decomposition": (family, small), "residual": residual})
+    left = share(traced.account[-1].held_out / first.error_before.held_out)
+    shares = "body 83 % (70 to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
-        (("trim",), f"Found: trim; by family, the first model's residual: {shares}"),
+        (("trim",), f"Found: trim; the held-out error falls to {left} of the first model's."),
     ):
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
     texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
     assert f"By family: {shares[:-1]}; not surely above 0.5 %: air." in texts
+    noise = first.model_copy(update={"residual": residual.model_copy(update={"white": True})})
+    of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
+    assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
     assert document.ahead == ()
+
+
+def test_a_step_says_nothing_twice() -> None:
+    """No candidates of a white residual, no residual of the last step again, no interval of no width, no name twice."""
+    traced = traced_trim()
+    last = traced.steps[-1].model_copy(update={"added": None})
+    white = last.model_copy(update={"residual": last.residual.model_copy(update={"white": True})})
+    family = Family(family="side", share=1.0, interval_95=(1.0, 1.0))
+    assert families_text(white.model_copy(update={"decomposition": (family,)})) == "side 100 %"
+    account = tuple(traced.account[0].model_copy(update={"model": name}) for name in ("constant", "trim", "trim"))
+    document = trace_document(traced.model_copy(update={"steps": (white,), "account": account}))
+    blocks = list(flat((*document.beside, *document.blocks)))
+    tables = [block for block in blocks if isinstance(block, Table)]
+    assert {block.shown for block in tables if block.headings[:2] == ("effect", "kind")} == {"verbose"}
+    assert "Final residual" not in {block.heading for block in blocks}
+    rows = next(block.rows for block in tables if block.headings[:1] == ("model",))
+    assert [row["model"] for row in rows] == ["constant", "trim, part 1", "trim, part 2", "noise alone"]
