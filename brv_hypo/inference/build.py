@@ -75,10 +75,7 @@ def build_problem(
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
-    flights = [
-        linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
-        for record, reconstruction, acting in zip(records, known.reconstructions, point.errors, strict=True)
-    ]
+    flights = linearised_flights(known, records, point.columns, point.values, vehicle, point.errors)
     force, valid = on_rows(frame, flights)
     carried = nuisances(frame, flights, effects, vehicle, corrections=point.errors)
     rows = WhitenedRows(whole(frame, valid), first_noise(flights), carried)
@@ -136,6 +133,23 @@ def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray
     """Coefficients (columns,) by plain least squares of the rates' differences."""
     design = whiten(frame.columns(columns), frame.pieces, difference())
     return solve_scaled(design, whiten(frame.observed[:, None], frame.pieces, difference())[:, 0])
+
+
+def linearised_flights(
+    frame: RateFrame,
+    records: Sequence[InertialRecord],
+    columns: tuple[Regressor, ...],
+    values: FloatArray,
+    vehicle: Sequence[Mechanism],
+    errors: Sequence[Errors],
+) -> tuple[LinearisedFlight, ...]:
+    """Every flight about its columns of a moment model with `values` (columns,) and known errors of its vehicle."""
+    found = []
+    for number, (record, known) in enumerate(zip(records, errors, strict=True)):
+        own = [k for k, column in enumerate(columns) if column.acts_on(number)]
+        about = with_vehicle(frame, tuple(columns[k] for k in own), values[own], vehicle, known)
+        found.append(linearised(record, frame.reconstructions[number], *about))
+    return tuple(found)
 
 
 def linearised(

@@ -98,9 +98,6 @@ class Nuisance:
         return fitted * self.size + (self.applied or 0.0)
 
 
-KnownHistories = dict[tuple[int, str, str], Histories]
-"""What is kept of a record effect's histories, by flight, effect with its settings, and component."""
-
 Errors = Mapping[tuple[str, str], float]
 """Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
 
@@ -170,30 +167,30 @@ def nuisances(
     vehicle: Sequence[Mechanism],
     free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
     corrections: Sequence[Errors] | None = None,
-    known: KnownHistories | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
     `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
     has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
-    before. What has no influence on a flight is left out. `known`: histories about the same point, to which those that
-    it lacks are added.
+    before. What has no influence on a flight is left out.
     """
-    before, known = corrections or tuple({} for _ in flights), {} if known is None else known
+    before = corrections or tuple({} for _ in flights)
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
         flight, samples, grid = linearised.record.flight, frame.samples(number), _grid(frame, number, linearised)
-        motion = (
-            (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
-            for item, history, noise in _of_motion(number, linearised)
-        )
+        known = linearised.known
+        if MOTION not in known:
+            known[MOTION] = [
+                (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
+                for item, history, noise in _of_motion(number, linearised)
+            ]
         errors = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
-        missing = [each for each in errors if (number, repr(each[0]), each[1].name) not in known]
+        missing = [each for each in errors if (repr(each[0]), each[1].name) not in known]
         changes = linearised.effects((effect, component.name, component.size) for effect, component, _ in missing)
         for (effect, component, _), history in zip(missing, changes, strict=True):
-            known[number, repr(effect), component.name] = _kept(grid, history.at(samples))
-        of_record = ((item, known[number, repr(effect), component.name], None) for effect, component, item in errors)
+            known[repr(effect), component.name] = _kept(grid, history.at(samples))
+        of_record = ((item, known[repr(effect), component.name], None) for effect, component, item in errors)
         of_vehicle = (
             (item, _kept(grid, history), None)
             for mechanism in vehicle
@@ -201,7 +198,7 @@ def nuisances(
             for item, history in _tolerated(frame, number, mechanism)
         )
         rows, noises = dict[int, Histories](), dict[int, ComplexArray]()
-        for item, history, noise in itertools.chain(motion, of_record, of_vehicle):
+        for item, history, noise in itertools.chain(known[MOTION], of_record, of_vehicle):
             if np.any(history.rates) or np.any(history.force):
                 if noise is not None:
                     noises[len(items)] = noise

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -68,6 +68,11 @@ class LinearisedFlight:
     force_values: FloatArray
     force_valid: BoolArray
 
+    @cached_property
+    def known(self) -> dict[Any, Any]:
+        """Histories about this point that are kept once they are found (`nuisance.nuisances`)."""
+        return {}
+
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
         return spacing(
@@ -118,11 +123,6 @@ class LinearisedFlight:
             left.rates[a:b] -= left.rates[a:b].mean()
         rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
-
-    def effect(self, effect: RecordEffect, component: str, size: float) -> Histories:
-        """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
-        (change,) = self.effects([(effect, component, size)])
-        return change.times(1.0 / size)
 
     @cached_property
     def _noise_free(self) -> InertialRecord:

@@ -22,10 +22,7 @@ from scipy.linalg import orth
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import Shape, regions
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
-from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
-from brv_hypo.inference.fit import solved
-from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
@@ -53,18 +50,6 @@ class ChangedSchedule(Mechanism):
         return tuple(term for term in both if self.of in (None, term.name))
 
 
-def evidence_here(problem: Problem, columns: tuple[Regressor, ...]) -> tuple[Evidence, Evidence]:
-    """The model's columns with free coefficients: alone, and beside all processes.
-
-    The problem has the processes of the record. Errors of record and vehicle are within their tolerances.
-    """
-    frame = problem.frame.with_mechanisms([ChangedSchedule()])
-    problem = replace(problem, frame=frame)
-    rows, start = rows_under_own_noise(problem, solved(Reduced(problem, frame), "model", (), columns, 1))
-    bare = rows.only(())
-    return maximised(bare, bare.terms(None), start[:1]), maximised(rows, rows.terms(None), start)
-
-
 def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray) -> Evidence:
     """The same with coefficients `fixed` (columns,) within their covariance (fixed columns, fixed columns), but slope
     and damping as such; NaN where a coefficient is free.
@@ -73,7 +58,8 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
     x = rows.of_moments(rows.frame, columns)
     changed, always = ChangedSchedule(), TimeBasis("constant")
     throughout = [term_column(changed, term, (), always) for term in changed.terms(rows.frame.motions[0], {})]
-    free = orth(np.column_stack([np.delete(x, known, axis=1), rows.of_moments(rows.frame, throughout)]))
+    x_changed = rows.of_moments(rows.frame.with_mechanisms([changed]), throughout)
+    free = orth(np.column_stack([np.delete(x, known, axis=1), x_changed]))
     variances, directions = np.linalg.eigh(covariance)
     erring = x[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
     within = np.isfinite(rows.spread)

@@ -44,25 +44,20 @@ from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, current_name
-from brv_hypo.mechanisms.registry import (
-    find_installed,
-    installed,
-    nuisance_effects,
-    nuisance_mechanisms,
-    record_processes,
-)
+from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
 from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
-from brv_hypo.prediction.changes import evidence_here, find_difference, find_local_change, fixed_within
+from brv_hypo.prediction.changes import find_difference, find_local_change, fixed_within
 from brv_hypo.prediction.result import Band, ErrorsOfPrediction, ModelSource, Prediction, Region, reason
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.baseline import is_bend
+from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.final_model import pair
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
@@ -154,10 +149,10 @@ def _predict(
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
-        whole = data.regression(fit.model, fit.linear, processes=record_processes())
-        alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
+        beside = beside_processes(fit, fit.model, fit.problem.rows.part)
+        alone = beside.evidence([], ())
         change = find_local_change(fixed_within(alone, columns, fixed, known_by))
-        better = max(alone, beside, key=lambda each: each.level)
+        better = max(alone, beside.null, key=lambda each: each.level)
         difference = find_difference(better, columns, fixed, known_by)
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -44,8 +43,8 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, rows_of
-from brv_hypo.linearisation.channels import Histories, split
-from brv_hypo.mechanisms.contract import Component, RecordEffect
+from brv_hypo.linearisation.channels import split
+from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, default_knots
@@ -59,31 +58,18 @@ from brv_hypo.tracing.result import Kind, Status
 # ---- One effect as fitted ----
 
 
-class History(NamedTuple):
-    """What one typical size of a component of a record effect makes of a flight; `rows` (frame rows,)."""
-
-    flight: int
-    component: Component
-    effect: RecordEffect
-    rows: Histories
-
-
-Variant = Mapping[str, History]
-"""A record effect as it may be set: its histories by the names of their columns."""
-
-
 @dataclass(frozen=True)
 class Candidate:
     """One effect as fitted, beside the fit without it (`null`).
 
-    `variant` are the histories of a record effect. `evidence` is the log evidence that it gains beside all processes,
-    nats, once that is known.
+    `applied` are the components of a record effect that its columns are. `evidence` is the log evidence that it gains
+    beside all processes, nats, once that is known.
     """
 
     kind: Kind
     null: HypothesisFit
     fit: HypothesisFit
-    variant: Variant = field(default_factory=dict)
+    applied: tuple[Applied, ...] = ()
     evidence: float = -math.inf
 
     @property
@@ -94,7 +80,7 @@ class Candidate:
     @property
     def effect(self) -> RecordEffect | None:
         """The record effect with its settings; None for moments."""
-        return next((history.effect for history in self.variant.values()), None)
+        return self.applied[0].effect if self.applied else None
 
     @property
     def file(self) -> MechanismFile | None:
@@ -208,13 +194,10 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         data = replace(fit.data, frame=found.frame)
         if candidate.follows == "mach" and not has_schedule(fit.model):
             return converged_from(fitted_about(data, scheduled(model, data)))
-        return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
-    applied = []
-    for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
-        number, (name, units, size), effect, _ = candidate.variant[column.term]
-        applied.append(Applied(effect=effect, component=name, units=units, size=size, value=value, flight=number))
-    model = fit.model + Model(applied=tuple(applied), added=(candidate.name,))
-    freed = {(each.flight, each.effect.name, each.component) for each in applied}
+        problem = replace(fit.problem, frame=found.frame, baseline=model.columns)
+        return replace(fit, model=model, data=data, problem=problem)
+    model = fit.model + Model(applied=candidate.applied, added=(candidate.name,))
+    freed = {(each.flight, each.effect.name, each.component) for each in candidate.applied}
     corrections = [
         {name: value for name, value in known.items() if (number, *name) not in freed}
         for number, known in enumerate(fit.data.corrections)
@@ -461,6 +444,9 @@ def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
 def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
     """Of each repetition what gains most beside all processes."""
     rivals = [own, *[each for each in offered if each is not own][:LOOP_RIVALS]]
+    if len(rivals) == 1:
+        yield own
+        return
     repetitions = [({each.name: each.fit for each in rivals}, rows) for rows in _repetitions(beside, fit)]
     for fits, rows in (*repetitions, *((known, beside.rows) for known in _with_other_knots(fit, rivals))):
         again = replace(beside, rows=rows)

@@ -10,21 +10,21 @@ from operator import attrgetter
 import numpy as np
 
 from brv_hypo.constants import RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
+from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
-from brv_hypo.inference.noise import estimated_noise, raised_noise
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import solve_normal
-from brv_hypo.linearisation.nuisance import on_frame
-from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.model import Model
+from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, bounded, solved_again
+from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
-from brv_hypo.tracing.fit import Fit, with_efficiency
+from brv_hypo.tracing.fit import Fit, history_name, with_efficiency
+
+Variant = tuple[Applied, ...]
+"""The components of a record effect as it may be set, none with a value yet."""
 
 _SPENT = 1e-12  # of a column's square that is left beside others, below which it says nothing
 
@@ -37,15 +37,15 @@ def analyse_step(
 
     To `describe`: the one entry of the dictionary too that describes best what is unexplained.
     """
-    model, linear, frame = fit.model, fit.linear, fit.data.frame
+    model = fit.model
     catalogue: dict[str, list[Variant]] = {}
     for effect in effects:  # one that the model has on some of the flights is tried on the others
         known = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
-        others = {number: flight for number, flight in enumerate(linear.flights) if number not in known}
-        catalogue[effect.name] = _variants_of(frame, others, effect)
-    plain = fit.data.regression(model, linear, _histories(*catalogue.values()))
-    sharp = plain.under(estimated_noise(plain))
-    fit = replace(fit, problem=sharp.under(raised_noise(sharp)))
+        others = {k: record.flight for k, record in enumerate(fit.data.records) if k not in known}
+        catalogue[effect.name] = _variants_of(others, effect)
+    given = fit.histories(each for variants in catalogue.values() for variant in variants for each in variant)
+    fit = replace(fit, problem=replace(fit.problem, given=given))
+    sharp = fit.problem.under(fit.noise)
     tried = [_try_mechanism(fit, sharp, mechanism) for mechanism in mechanisms]
     tried += [_try_record_effect(fit, variants) for variants in catalogue.values()]
     found = [candidate for candidate in tried if candidate is not None]
@@ -71,28 +71,19 @@ def generic_name(model: Model) -> str:
 # ---- Errors of the record ----
 
 
-def _variants_of(
-    frame: RateFrame, flights: Mapping[int, LinearisedFlight], effect: RecordEffect, label: str = ""
-) -> list[Variant]:
+def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Variant]:
     """The effect on these flights, as one variant where it has no settings to try, else one flight at a time."""
     found: list[Variant] = []
     together = True
     for number, flight in flights.items():
-        variants = effect.variants(flight.record.flight)
+        variants = effect.variants(flight)
         together &= variants == (effect,)
-        for place, variant in enumerate(variants):
-            own = {}
-            for component in variant.components(flight.record.flight):
-                name = f"{variant.name} {component.name} {label}{place} [flight {number}]"
-                rows = on_frame(frame, number, flight.effect(variant, component.name, component.size))
-                own[name] = History(number, component, variant, rows)
-            found.append(own)
-    return [{name: each for own in found for name, each in own.items()}] if together else found
-
-
-def _histories(*variants: Sequence[Variant]) -> dict[str, Histories]:
-    """The histories of variants by name."""
-    return {name: each.rows for some in variants for own in some for name, each in own.items()}
+        for each in variants:
+            parts = each.components(flight)
+            found.append(
+                tuple(Applied(effect=each, component=c, units=u, size=s, value=0.0, flight=number) for c, u, s in parts)
+            )
+    return [tuple(itertools.chain(*found))] if together else found
 
 
 def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | None:
@@ -100,18 +91,16 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     explain itself away.
     """
     problem, searched = fit.problem, sum(map(len, variants))
-    found: list[tuple[HypothesisFit, Variant]] = []
+    found = []
     for variant in filter(None, variants):
-        effect = next(iter(variant.values())).effect
-        columns = [given_column(name, each.component.units) for name, each in variant.items()]
+        effect, known = variant[0].effect, {history_name(each): each for each in variant}
+        columns = [given_column(name) for name in known]
         for own in forward(problem, effect.name, (), problem.frame, columns, searched):
-            values = zip(own.selected, own.values[own.baseline_size :], strict=True)
-            if all(abs(v) <= RECORD_EFFECT_LARGEST * variant[c.term].component.size for c, v in values):
-                found.append((own, variant))
-    if not found:
-        return None
-    best, variant = min(found, key=lambda pair: pair[0].information)
-    return Candidate(next(iter(variant.values())).effect.kind, fit.null, best, variant)
+            pairs = zip(own.selected, own.values[own.baseline_size :].tolist(), strict=True)
+            applied = tuple(known[column.term].model_copy(update={"value": value}) for column, value in pairs)
+            if all(abs(each.value) <= RECORD_EFFECT_LARGEST * each.size for each in applied):
+                found.append(Candidate(effect.kind, fit.null, own, applied))
+    return min(found, key=lambda candidate: candidate.fit.information, default=None)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
@@ -119,11 +108,11 @@ def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
 
     However little it gains: a quarter of a second off its time, a step of the wind may look like nothing.
     """
-    for turn in range(RECORD_EFFECT_CLOSER):
-        history = next(iter(candidate.variant.values()))
-        flights = {history.flight: fit.linear.flights[history.flight]}
-        variants = _variants_of(fit.problem.frame, flights, history.effect, f"{turn}.")
-        fit = replace(fit, problem=replace(fit.problem, given={**fit.problem.given, **_histories(variants)}))
+    for _ in range(RECORD_EFFECT_CLOSER):
+        best = candidate.applied[0]
+        variants = _variants_of({best.flight: fit.data.records[best.flight].flight}, best.effect)
+        given = {**fit.problem.given, **fit.histories(itertools.chain(*variants))}
+        fit = replace(fit, problem=replace(fit.problem, given=given))
         nearer = _try_record_effect(fit, variants)
         if nearer is not None and nearer.gain > candidate.gain:
             candidate = replace(nearer, fit=replace(nearer.fit, searched=candidate.fit.searched))

@@ -263,27 +263,27 @@ def _best(problem: Problem, offered: Sequence[Entry], gains: Sequence[float]) ->
     """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
     first quantity.
     """
-    leader = offered[int(np.argmax(gains))]
-    if leader.follows is None:
-        return _moved(problem, leader)
-    # Between the places of a grid a step of another width or quantity may look like more than the right one.
-    order = sorted(range(len(offered)), key=lambda k: -gains[k])
-    changing = [offered[k] for k in order if offered[k].follows is not None]
-    forms = {(entry.follows, entry.form): entry for entry in reversed(changing)}
-    moved, quantities = [_moved(problem, entry) for entry in forms.values()], list(_QUANTITIES)
+    leaders = [offered[int(np.argmax(gains))]]
+    if leaders[0].follows is not None:
+        # Between the places of a grid a step of another width or quantity may look like more than the right one.
+        order = sorted(range(len(offered)), key=lambda k: gains[k])
+        changing = [offered[k] for k in order if offered[k].follows is not None]
+        leaders = list({(entry.follows, entry.form): entry for entry in changing}.values())
+    moved, quantities = _moved(problem, leaders), list(_QUANTITIES)
     known = _gains(problem, moved)
     equal = [k for k, gain in enumerate(known) if gain > max(known) - CONFOUNDED_NEAR]
     return moved[min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -known[k]))]
 
 
-def _moved(problem: Problem, entry: Entry) -> Entry:
-    """The entry at the place near it that explains most."""
-    spacing, shifts = entry.spacing, np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
-    while entry.at is not None and spacing > DESCRIBED_CLOSEST * entry.spacing:
-        places = [entry.at(entry.position + spacing * shift) for shift in shifts]
-        entry = places[int(np.argmax(_gains(problem, places)))]
-        spacing /= DESCRIBED_FINER
-    return entry
+def _moved(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
+    """Each of some entries at the place near it that explains most."""
+    share, shifts, found = 1.0, np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1), list(entries)
+    while share > DESCRIBED_CLOSEST:
+        places = [[e if e.at is None else e.at(e.position + share * e.spacing * by) for by in shifts] for e in found]
+        gains = np.reshape(_gains(problem, list(itertools.chain(*places))), (-1, shifts.size))
+        found = [own[best] for own, best in zip(places, np.argmax(gains, axis=1).tolist(), strict=True)]
+        share /= DESCRIBED_FINER
+    return found
 
 
 def _columns(mechanism: YamlMechanism) -> list[Regressor]:

@@ -31,15 +31,14 @@ from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
-from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
-from brv_hypo.model.model import Applied, Model
+from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
-from brv_hypo.tracing.fit import Fit, has_tolerance
+from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
 from brv_hypo.tracing.result import Family, ProcessHistory
 
 _PLACES = 9  # at which the history of a process is reported
@@ -57,25 +56,36 @@ class Beside:
     start: FloatArray
     """Logarithms of noise and amplitudes beside all of it."""
 
+    @cached_property
+    def _known(self) -> dict[tuple[tuple[str, ...], tuple[str, ...] | None], Evidence]:
+        """Evidences that are known."""
+        return {}
+
     def evidence(self, names: Sequence[str], families: Sequence[str] | None = None) -> Evidence:
         """Of some of the effects, beside all processes or those of some families."""
-        terms = reduce(Terms.beside, [self.terms[name] for name in names], self.rows.terms(None))
-        rows = self.rows if families is None else self.rows.only(families)
-        return maximised(rows, terms, *([self.start] if families is None else []))
+        key = tuple(names), None if families is None else tuple(families)
+        if key not in self._known:
+            terms = reduce(Terms.beside, [self.terms[name] for name in names], self.rows.terms(None))
+            rows = self.rows if families is None else self.rows.only(families)
+            self._known[key] = maximised(rows, terms, *([self.start] if families is None else []))
+        return self._known[key]
+
+    def _squares(self, names: Sequence[str], families: Sequence[str] | None = ()) -> float:
+        """Of the residual of the baseline, its tolerances and some effects, without processes or beside some."""
+        residual = self.evidence(names, families).residual
+        return float(residual @ residual)
 
     def gain(self, name: str, in_place: bool = False) -> float:
         """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
         others = {group.family for group in self.rows.groups} - {self.families[name]}
-        own = self.evidence(list(self.terms), sorted(others)) if in_place else self.whole
+        own = self.evidence(list(self.terms), sorted(others) if in_place else None)
         return own.level - self.evidence([each for each in self.terms if each != name]).level
 
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
         names = list(self.terms)
-        without, own = self._residual([each for each in names if each != name]), self._residual(names)
-        residuals = without, own, self.evidence(names, [self.families[name]]).residual
-        before, after, rest = (float(each @ each) for each in residuals)
-        return (after - rest) / max(before - after, 1e-300)
+        before, after = self._squares([each for each in names if each != name]), self._squares(names)
+        return (after - self._squares(names, [self.families[name]])) / max(before - after, 1e-300)
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
         """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
@@ -101,12 +111,7 @@ class Beside:
         like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
         return fitted(self.rows.problem, like, fit.selected, self.null)
 
-    @cached_property
-    def whole(self) -> Evidence:
-        """Of all of the effects."""
-        return self.evidence(list(self.terms))
-
-    @cached_property
+    @property
     def null(self) -> Evidence:
         """Of the baseline and processes alone."""
         return self.evidence([])
@@ -125,8 +130,7 @@ class Beside:
 
     def is_adequate(self, names: Sequence[str]) -> bool:
         """Whether effects explain more of the residual than processes beside them; so where there is neither."""
-        residuals = self._residual([]), self._residual(names), self.evidence(names).residual
-        whole, beside, rest = (float(each @ each) for each in residuals)
+        whole, beside, rest = self._squares([]), self._squares(names), self._squares(names, None)
         return whole - beside >= beside - rest
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
@@ -136,8 +140,8 @@ class Beside:
         """
         selected = self._finer._selected(names)
         order = [*(self.families[name] for name in names), *(family for family, _ in selected)]
-        residuals = [self._residual(names[:count]) for count in range(len(names) + 1)]
-        residuals += [each.residual for _, each in selected]
+        found_without = [self.evidence(names[:count], ()) for count in range(len(names) + 1)]
+        residuals = [each.residual for each in (*found_without, *(own for _, own in selected))]
         squares = [np.bincount(self.rows.time_blocks, weights=each**2).astype(float) for each in residuals]
         falls = dict[str, FloatArray]()
         for family, before, after in zip(order, squares, squares[1:], strict=False):
@@ -156,10 +160,6 @@ class Beside:
     def _finer(self) -> Beside:
         """With every history of a moment nearly as fine, so that no family explains more by its resolution alone."""
         return replace(self, rows=rows_of(self.rows.problem, self.point, _finer_processes()))
-
-    def _residual(self, names: Sequence[str]) -> FloatArray:
-        """That (n,) of the baseline, its tolerances and some effects, without processes."""
-        return self.evidence(names, ()).residual
 
     @cached_property
     def majority(self) -> str | None:
@@ -200,21 +200,18 @@ def beside_processes(
 
     `given`: histories that may become columns.
     """
-    model, data, linear, count = fit.model, fit.data, fit.linear, len(before.columns)
+    model, data, count = fit.model, fit.data, len(before.columns)
     base, added = model.columns[:count], model.columns[count:]
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
-    histories = dict(given or {}) | {
-        _label(a): on_frame(data.frame, a.flight, linear.flights[a.flight].effect(a.effect, a.component, a.size))
-        for a in applied
-    }
+    histories = {**(given or {}), **fit.histories(applied)}
     corrections = [dict(each) for each in data.corrections]
     for each in applied:
         key = (each.effect.name, each.component)
         corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
     bare = model.but(columns=base, applied=before.applied, mechanisms=before.mechanisms)
     read = replace(data, corrections=tuple(corrections))
-    problem = read.regression(bare, linear, histories, record_processes()).on(part or data.whole)
+    problem = read.regression(bare, fit.linear, histories, record_processes()).on(part or data.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
@@ -236,12 +233,12 @@ def beside_processes(
     shift = np.zeros(rows.y.size)
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
-        x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
+        x = rows.of_moments(rows.frame, [given_column(history_name(each)) for each in own])
         flight = data.flights[own[0].flight]
         terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
         families[name] = own[0].effect.family
         if not has_tolerance(problem, name):
-            shift += x @ np.array([each.value / each.size for each in own])
+            shift += x @ np.array([each.value for each in own])
     return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
 
 
@@ -251,13 +248,12 @@ def _finer_processes() -> tuple[MomentProcess, ...]:
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:
-    """Histories (n, k) of one typical size of components of a record effect, chosen of so many."""
+    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many.
+
+    So is their prior: were it of typical sizes, errors of the record would come before moments that are there.
+    """
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_LARGEST), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
-
-
-def _label(applied: Applied) -> str:
-    return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
 
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:

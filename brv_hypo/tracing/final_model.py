@@ -38,7 +38,6 @@ from brv_hypo.model.model import Model, ModelError, SavedModel, digest
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
-from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
@@ -46,15 +45,18 @@ from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, St
 def gathered(
     fit: Fit,
     before: ResidualMoments,
+    beside: Evidence,
     steps: Sequence[Step],
     account: tuple[Account, ...],
     stopped: Stop,
     discovery: MechanismFile | None,
 ) -> Trace:
-    """The result of the contract; `before` are the residual moments of the first model."""
+    """The result of the contract; `before` are the residual moments of the first model, `beside` is the last one's
+    evidence beside processes.
+    """
     data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
-    found, beside = whole.coefficients, beside_processes(fit, fit.model).null
+    found = whole.coefficients
     definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
     findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)

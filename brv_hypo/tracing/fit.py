@@ -7,7 +7,7 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -27,7 +27,7 @@ from brv_hypo.constants import (
     WHITE_LAGS,
 )
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.build import linearised, on_rows, with_vehicle
+from brv_hypo.inference.build import linearised_flights, on_rows
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
@@ -36,13 +36,13 @@ from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, pr
 from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
-from brv_hypo.linearisation.nuisance import Errors, KnownHistories, Nuisance, nuisances
+from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances, on_frame
 from brv_hypo.linearisation.propagated_motion import linearisation_point
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.linearisation.whitening import difference, white
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, without
-from brv_hypo.model.model import TOLERATED, Model
+from brv_hypo.model.model import TOLERATED, Applied, Model
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.motion import ReconstructionConfig
@@ -73,14 +73,6 @@ class Flights:
                 return point
             self._known[number, repr(own)] = point
         return self._known[number, repr(own)]
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Each flight linearised about a model, with what errors of its record do there, as far as it is known."""
-
-    flights: tuple[LinearisedFlight, ...]
-    known: KnownHistories = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -135,20 +127,15 @@ class Corrected:
         """Moment coefficients of derolled rates (rows,)."""
         return residual_moments(self.frame, self.records, rates)
 
-    def linearised(self, model: Model, values: FloatArray) -> Linear:
+    def linearised(self, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
         """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
-        found = []
-        for number, (record, reconstruction) in enumerate(zip(self.records, self.reconstructions, strict=True)):
-            own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
-            columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(reconstruction.flight)
-            known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
-            found.append(linearised(record, reconstruction, *known))
-        return Linear(tuple(found))
+        vehicle = model.tolerated(self.flights[0])
+        return linearised_flights(self.frame, self.records, model.columns, values, vehicle, self.corrections)
 
     def regression(
         self,
         model: Model,
-        linear: Linear,
+        linear: Sequence[LinearisedFlight],
         given: Mapping[str, Histories] | None = None,
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
@@ -157,18 +144,18 @@ class Corrected:
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
-        frame, config, flights = self.frame, self.source.config, len(linear.flights)
+        frame, config, flights = self.frame, self.source.config, len(linear)
         free = [
             {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
             for number in range(flights)
         ]
         effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
-        unknown = nuisances(frame, linear.flights, effects, vehicle, free, self.corrections, linear.known)
+        unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
         return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
             records=self.records,
-            force=on_rows(frame, linear.flights)[0],
-            rows=WhitenedRows(self.fitted, first_noise(linear.flights), unknown),
+            force=on_rows(frame, linear)[0],
+            rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
             max_terms=config.max_terms * flights,
@@ -186,8 +173,8 @@ def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None 
     points = [source.read(number, model, known) for number, known in enumerate(corrections)]
     records = tuple(record for record, _ in points)
     frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
-    pairs = zip(records, frame.reconstructions, strict=True)
-    valid = on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]  # no spike, and measured
+    without_moments = linearised_flights(frame, records, (), np.zeros(0), (), corrections)
+    valid = on_rows(frame, without_moments)[1]  # no spike, and measured
     parts = (*split(frame, valid, source.config.blocks), whole(frame, valid))
     return Corrected(source, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
 
@@ -205,14 +192,15 @@ class Coefficients:
 class Fit:
     """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
 
-    `known` (columns + unknowns,) are coefficients and nuisances that are not fitted, NaN for those that are; empty
-    where all are.
+    `noise` is that of the record, which the problem's is raised from to what the model leaves. `known` (columns +
+    unknowns,) are coefficients and nuisances that are not fitted, NaN for those that are; empty where all are.
     """
 
     model: Model
     data: Corrected
     problem: Problem
-    linear: Linear
+    linear: tuple[LinearisedFlight, ...]
+    noise: Noise
     known: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
@@ -278,6 +266,16 @@ class Fit:
     def record_errors(self) -> tuple[Errors, ...]:
         """What the errors of record and vehicle come to, in SI: one mapping a flight."""
         return self.problem.rows.nuisances.values(self.solution[1], len(self.data.records))
+
+    def histories(self, applied: Iterable[Applied]) -> dict[str, Histories]:
+        """What one SI unit of components of record effects does to the residual (frame rows,), by their names."""
+        wanted, found = tuple(applied), dict[str, Histories]()
+        for number, linear in enumerate(self.linear):
+            own = [each for each in wanted if each.flight == number]
+            changes = linear.effects((each.effect, each.component, each.size) for each in own)
+            for each, change in zip(own, changes, strict=True):
+                found[history_name(each)] = on_frame(self.data.frame, number, change.times(1.0 / each.size))
+        return found
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -346,7 +344,7 @@ class Fit:
         reduced = Reduced(replace(problem, baseline=()), problem.frame)
         columns = refine(columns, nonlinear, frozenset(), reduced, steps).columns
         own = self.model.but(columns=columns), self.data.with_in_plane_moment(columns)
-        return Fit(*own, replace(problem, baseline=columns), self.linear)
+        return Fit(*own, replace(problem, baseline=columns), self.linear, self.noise)
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
@@ -356,8 +354,15 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
     """
     linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
-    noise = raised_noise(problem.under(estimated_noise(problem))) if noise is None else noise
-    return Fit(model, data, problem.under(noise), linear)
+    own = estimated_noise(problem) if noise is None else noise
+    raised = raised_noise(problem.under(own)) if noise is None else noise
+    return Fit(model, data, problem.under(raised), linear, own)
+
+
+def history_name(applied: Applied) -> str:
+    """The name of a column that is the history of a component of a record effect with its settings."""
+    effect = applied.effect
+    return f"{effect.name} {effect.model_dump()} {applied.component} [flight {applied.flight}]"
 
 
 def converged(source: Flights, model: Model) -> Fit:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -39,7 +40,6 @@ from brv_hypo.tracing.final_model import gathered
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     Account,
-    Baseline,
     Errors,
     Step,
     Stop,
@@ -50,7 +50,7 @@ from brv_hypo.tracing.result import (
     lasting_steps,
 )
 
-_REPORTED = 8  # candidates in a step's table
+_MOST_REPORTED = 8  # candidates in a step's table
 
 
 @takes_settings(TraceConfig)
@@ -99,22 +99,25 @@ def trace(
 
 def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
     begun, config = clock.perf_counter(), source.config
-    tried, turns = _effects(config), list[Turn]()
+    tried, steps = _effects(config), list[Step]()
     say("reconstructing the motion")
-    fit = _start(source, config.baseline)
+    fits = [_start(source)]  # from the first model to the last
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = _turn(number, fit, *tried, [each.step for each in turns])
-        turns.append(turn)
-        fit = turn.after or turn.before
+        turn = _turn(number, fits[-1], *tried, steps)
+        steps.append(turn.step)
+        fits[-1] = turn.before
         if turn.after is None:
             nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
             stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
             break
-    first = turns[0].before
-    steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
-    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, turns[-1].discovery)
+        fits.append(turn.after)
+    first, last = fits[0], fits[-1]
+    if any(step.status == "finding" for step in steps):
+        steps = _confirmed(steps, beside_processes(last, first.model))
+    alone = beside_processes(last, last.model) if turn.after else turn.beside
+    result = gathered(last, first.left, alone.null, steps, _account(fits, steps), stopped, turn.discovery)
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
@@ -126,9 +129,9 @@ def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEf
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
-def _start(source: Flights, baseline: Baseline) -> Fit:
+def _start(source: Flights) -> Fit:
     """The model that the trace starts from."""
-    flights, start = source.records, source.config.start
+    flights, start, baseline = source.records, source.config.start, source.config.baseline
     if not isinstance(start, str):
         return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
@@ -150,15 +153,18 @@ def _start(source: Flights, baseline: Baseline) -> Fit:
     return converged(source, model)
 
 
-def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
+def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
     """The held-out error of one model after another, from constant coefficients to the last."""
-    first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
-    config, start, models = first.data.source.config, "constant", list[tuple[str, Fit]]()
-    if config.start != "none" or config.aero is not None:
+    first, added = fits[0], [step.added for step in steps if step.added is not None]
+    source, start, models = first.data.source, "constant", list[tuple[str, Fit]]()
+    if source.config.start != "none" or source.config.aero is not None:
         start = "the model given"
     elif has_schedule(first.model):
-        models, start = [(start, _start(first.data.source, "constant"))], "scheduled"
-    models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
+        constant = start_model(source)
+        frame = first.data.frame.with_mechanisms(list(constant.mechanisms.values()))
+        models = [(start, fitted_about(replace(first.data, frame=frame), constant))]
+        start = "scheduled"
+    models += zip((start, *added), fits, strict=True)
     return tuple(
         Account(model=name, held_out=fit.held_out, std_error=jackknife_error(fit.left_out)) for name, fit in models
     )
@@ -168,15 +174,17 @@ def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
 
 
 class Turn(NamedTuple):
-    """One step with the fit that it started from, and the one that it led to.
+    """One step of the result with the fit that it starts from and the one that it leads to.
 
-    `discovery`: where it led to none, the description in generic terms that is significant all the same.
+    `discovery`: where it leads to none, the description in generic terms that is significant all the same. `beside` is
+    what it adds, and processes beside that, on the whole record.
     """
 
     step: Step
     before: Fit
     after: Fit | None
     discovery: MechanismFile | None
+    beside: Beside
 
 
 def _turn(
@@ -203,16 +211,18 @@ def _turn(
         named = choose(there, candidates)
         if named.accepted is not None:
             here, choice, before = there, named, ()
-    step, after = step_of(number, here, choice, before), None
+    with_it = here if choice.accepted is None else choice.accepted.fit
+    beside = beside_processes(with_it, here.model)
+    step, after = _reported(number, here, choice, before, beside), None
     if choice.accepted is not None:
         # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-        after = converged_from(choice.accepted.fit)
+        after = converged_from(with_it)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
             after = converged_from(fitted_about(after.data, after.model.without(gone)))
             step = step.model_copy(update={"removed": gone})
     described = [] if after else [each.file for each in choice.significant if each.file is not None]
-    return Turn(step, here, after, described[0] if described else None)
+    return Turn(step, here, after, described[0] if described else None, beside)
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -243,32 +253,31 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     return beside_processes(fit, model.but(columns=model.columns[:first])).unwanted(removable)
 
 
-def _confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
+def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
     """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
     final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
     kept = {n for n, gain in gains.items() if gain >= SPECIFIC and adequate and beside.rest_of_family(n) <= FAMILY_REST}
-    return tuple(
+    return [
         step.model_copy(update={"status": "hint"}) if step.status == "finding" and step.added not in kept else step
         for step in steps
-    )
+    ]
 
 
 # ---- What a step says ----
 
 
-def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> Step:
+def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], beside: Beside) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     leading, accepted, status = choice.leading, choice.accepted, None
     if accepted is not None and choice.named_in is not None:
         generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
         own = accepted.status(choice.named_in, len(choice.ranked))
         status = "hint" if generic or rests_on_hints(earlier) else own
-    beside = beside_processes(fit if accepted is None else accepted.fit, fit.model)
     families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
-    reported, shares = choice.reported[:_REPORTED], {each.family: each.share for each in families}
+    reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
     return Step(
         step=number,
         residual=fit.residual,
@@ -317,18 +326,17 @@ def _described(candidate: Candidate, fit: Fit) -> str:
     """What a candidate beside a model says of its flights."""
     if candidate.file is not None:
         return candidate.file.title
-    effect, flights, parts = candidate.effect, fit.data.flights, []
-    for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
-        name, number, when = column.label, column.flight, ""
-        if effect is not None:
-            number, component, *_ = candidate.variant[column.term]
-            name = component.name
-        elif column.time_basis.kind != "constant":
-            when = f" at {max(column.time_basis.start, float(flights[number or 0].time[0])):.2f} s"
-        units = "" if effect is None else f" {column.units}"
-        which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
-        parts.append(f"{name} {value:.3g}{units}{when}{which}")
-    time = getattr(effect, "time", None)
+    flights, values = fit.data.flights, candidate.fit.values[candidate.fit.baseline_size :].tolist()
+    said: list[tuple[str, int | None]] = [
+        (f"{each.component} {each.value:.3g} {each.units}", each.flight) for each in candidate.applied
+    ]
+    moments = () if said else zip(candidate.fit.selected, values, strict=True)
+    for column, value in moments:
+        begins = max(column.time_basis.start, float(flights[column.flight or 0].time[0]))
+        when = "" if column.time_basis.kind == "constant" else f" at {begins:.2f} s"
+        said.append((f"{column.label} {value:.3g}{when}", column.flight))
+    several, time = len(flights) > 1, getattr(candidate.effect, "time", None)
+    parts = [what + (f" on flight {k + 1}" if several and k is not None else "") for what, k in said]
     return ", ".join(parts) + ("" if time is None else f" at {times(time)}")
 
 

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from brv_hypo.constants import FAMILY_SPLINES
-from brv_hypo.mechanisms.contract import FAMILIES
-from brv_hypo.mechanisms.registry import moment_processes
+from brv_hypo.mechanisms.contract import FAMILIES, RecordEffect
+from brv_hypo.mechanisms.registry import find_installed, moment_processes
+from brv_hypo.model.model import Applied
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.families import Beside, _family_of, _finer_processes, beside_processes
-from brv_hypo.tracing.fit import Flights, converged
+from brv_hypo.tracing.fit import Flights, converged, correct, fitted_about
 from tests.chains import judged_cone
+from tests.flights import nominal
 from tests.studies.independent.flights import Made, make_flight
 
 CONFIG = TraceConfig(max_steps=2, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
@@ -108,3 +110,18 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
     first = beside.shares([])[0]
     squares = [float(np.sum(beside.evidence([], own).residual ** 2)) for own in ((), (first.family,))]
     assert first.share == pytest.approx(1.0 - squares[1] / squares[0], abs=1e-6)
+
+
+def test_what_was_taken_out_of_a_record_is_weighed_as_the_record_reads() -> None:
+    """A step of the wind taken out of a record that has none; of its value a share was put back."""
+    source = Flights((nominal().flight,), CONFIG)
+    model, effect = start_model(source), find_installed("wind_step")
+    assert isinstance(effect, RecordEffect)
+    component, units, size = effect.components(source.records[0])[0]
+    assert size != 1.0
+    step = Applied(effect=effect, component=component, units=units, size=size, value=4.0 * size)
+    known, without = fitted_about(correct(source, model), model), model.but(applied=(step,))
+    fit = fitted_about(correct(source, without), without, known.values, known.noise)
+    own = beside_processes(fit, model).evidence(["wind_step"])
+    assert own.covariance[-1, -1] < (0.5 * size) ** 2
+    assert abs(own.values[-1]) < size

@@ -73,10 +73,10 @@ def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearis
     assert correct(source, model).records[0] is data.records[0]
     assert correct(source, model, [{("gyro_bias", "q"): 1e-4}]).records[0] is not data.records[0]
     linear = data.linearised(model, data.values(data.fitted, model.columns))
-    first, known = data.regression(model, linear), dict(linear.known)
+    first, known = data.regression(model, linear), dict(linear[0].known)
     again = data.regression(model, linear)
     assert known
-    assert all(linear.known[key] is history for key, history in known.items())
+    assert all(linear[0].known[key] is history for key, history in known.items())
     assert [item.label for item in again.rows.nuisances.items] == [item.label for item in first.rows.nuisances.items]
     assert np.array_equal(again.raw_response, first.raw_response)
 

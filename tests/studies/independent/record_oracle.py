@@ -51,9 +51,9 @@ def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool 
 
 def f_ratio_of_error(state: Fit, effect: RecordEffect, component: str, size: float) -> float:
     """F of an error of an instrument, or of a wind, of this size (SI)."""
-    history = on_frame(state.problem.frame, 0, state.linear.flights[0].effect(effect, component, size))
-    problem = replace(state.problem, given={_PLANTED: history})
-    return size**2 * _beside_baseline(problem, problem.design(problem.frame, [given_column(_PLANTED)])[:, 0])
+    (change,) = state.linear[0].effects([(effect, component, size)])
+    problem = replace(state.problem, given={_PLANTED: on_frame(state.problem.frame, 0, change)})
+    return _beside_baseline(problem, problem.design(problem.frame, [given_column(_PLANTED)])[:, 0])
 
 
 def f_ratio_of_moment(state: Fit, mechanism: Mechanism, values: Sequence[float]) -> float:
