@@ -379,7 +379,7 @@ def test_every_flight_has_its_own_times_of_what_changes() -> None:
     assert "region, s" not in shown
     assert line_of(shown, value.name)[-1] == "23.00–22.00"
     assert "It acts from Mach" in " ".join(shown.replace("│", " ").split())
-    assert any("each at its own times" in line for line in flight_texts(joint))
+    assert any("each flight at its own times" in line for line in flight_texts(joint))
     assert not any("own times" in line for line in flight_texts(comparison))
 
 
