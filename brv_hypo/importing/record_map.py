@@ -17,7 +17,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
-    beside:                        # further inertial units: compared with the first, and averaged
+    beside:                        # further inertial units, averaged with the first
     - p: {column: gyro2_x, units: deg/s}
     rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
@@ -70,7 +70,7 @@ from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
-from brv_hypo.importing.rocket_log import ATTITUDE, attitude_of, together
+from brv_hypo.importing.rocket_log import ATTITUDE
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import naming, one_line, refusal
@@ -374,25 +374,19 @@ def _record(
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
-    attitude = attitude_of(time, channels, float(time[0]) if mapping.pad is None else mapping.pad[1])
+    lean = channels.pop("lean", None)
     further = [{n: channels.pop(f"{n}{OF_UNIT}{k}") for n in unit} for k, unit in enumerate(mapping.beside, 2)]
     tilt = _nose(time, channels, mapping)
-    matrix = np.eye(3)
     if mapping.rotation is not None:
-        matrix = _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        _turn(mapping.rotation, tilt, channels, tolerances, notes)
         tilt = _nose(time, channels, mapping)
     turned = mounting_fault(time, tilt)
     contradicted = (*turned, *contradictions(time, channels))
     if tilt is not None and not turned:
         contradicted += gyro_fault(time, *_triads(channels))
-    if attitude is not None:
-        contradicted += attitude.faults
     if further:
-        stated = instruments_of(mapping, {}, 0.0, channels, None)
-        channels, larger, unit_notes, differing = together(time, channels, further, stated)
-        tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
+        channels, unit_notes = rocket_log.together(channels, further)
         notes += unit_notes
-        contradicted += (*differing,)
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
@@ -405,8 +399,7 @@ def _record(
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        leans = attitude.leans(time, matrix, None if rest is None else rest.up) if attitude is not None else None
-        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, leans)
+        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, lean)
         speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
@@ -470,11 +463,8 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
     return rates, forces
 
 
-def _turn(
-    rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]
-) -> FloatArray:
-    """Gyros and accelerometers turned in `channels` by the matrix that is returned, (3, 3); the error of an estimate
-    added to `tolerances`, and a note.
+def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
+    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
 
     Raises UsageError where nothing shows the nose.
     """
@@ -492,7 +482,6 @@ def _turn(
             f"rotation found from {tilt.by}: the nose lay "
             f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
         )
-    return np.asarray(matrix)
 
 
 def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:

@@ -5,8 +5,8 @@ cats   CATS Vega, .cfl: text to the first zero, then records of a stamp in ms, a
 px4    PX4, .ulg, by pyulog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html): the topics of TOPICS
 
 A log's messages of several sensors, each with stamps of its own, make one table: it has the stamps of the first
-inertial unit; other values lie on straight lines between theirs. Columns are called as channels, or `qw` to `qz` of the
-attitude's quaternion; those of a further unit end in `_2`.
+inertial unit; other values lie on straight lines between theirs. Columns are called as channels; those of a further
+unit end in `_2`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import missing_package
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.importing.formats import Layout, TableFormat, check_columns
-from brv_hypo.importing.rocket_log import QUATERNION
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.sandbox import Budget, read_in_sandbox
 from brv_hypo.io.text import refused
@@ -58,7 +57,6 @@ RECORDS: Mapping[int, tuple[tuple[str, ...], FloatArray, str]] = {
     0x10: ((*ACCELEROMETERS, *GYROS), np.array([1 / 1024] * 3 + [1 / 14.28] * 3), "<i2"),
     0x20: (("pressure", "temperature"), np.array([1.0, 0.01]), "<u4"),
     0x40: (("altitude", "velocity", "acceleration"), np.ones(3), "<f4"),
-    0x80: (QUATERNION, np.full(4, 1e-3), "<i2"),
 }
 SIZES = {0x10: 12, 0x20: 8, 0x40: 12, 0x80: 8, 0x100: 8, 0x200: 4, 0x400: 8, 0x800: 4, 0x1000: 9, 0x2000: 2}  # bytes
 OF_CATS = UNITS | dict.fromkeys(ACCELEROMETERS, "g") | dict.fromkeys(GYROS, "deg/s")
@@ -66,7 +64,6 @@ OF_PX4 = UNITS | dict.fromkeys(ACCELEROMETERS, "m/s^2") | dict.fromkeys(GYROS, "
 TOPICS = {
     "sensor_combined": {f"gyro_rad[{k}]": name for k, name in enumerate(GYROS)}
     | {f"accelerometer_m_s2[{k}]": name for k, name in enumerate(ACCELEROMETERS)},
-    "vehicle_attitude": {f"q[{k}]": name for k, name in enumerate(QUATERNION)},
     "vehicle_air_data": {"baro_alt_meter": "altitude", "baro_pressure_pa": "pressure", "rho": "density"},
     "airspeed": {"true_airspeed_m_s": "velocity"},
     "airspeed_validated": {"true_airspeed_m_s": "velocity"},
