@@ -2,7 +2,7 @@
 
 Every entry gives its reason; what is unsure is marked in the map and listed beside it. Nothing is hidden: columns
 that were not used are listed at the end, with their ranges. Other files may go with the first: recorders with
-clocks of their own, and tables of the vehicle over time. The rules are in guess_rules.py; here they are applied,
+clocks of their own. The rules are in guess_rules.py; here they are applied,
 joined over the files and written as YAML by a template.
 """
 
@@ -19,7 +19,6 @@ from jinja2 import Environment, PackageLoader
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
-from brv_hypo.flight.inspection import find_phases
 from brv_hypo.flight.plausibility import air_of, contradictions, gyro_fault, mounting_fault, nose_axis
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
@@ -32,7 +31,6 @@ from brv_hypo.io.text import one_line
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
 ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
-FAR = 60.0  # s: clocks that begin further apart have another zero
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
 _NOT_STATED = "not stated"  # in a doubt of units
 _NOT_CHECKED = (
@@ -50,14 +48,13 @@ class Guess:
 
 
 def guess_map(data: str | Path, *others: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
+    """A map for the csv, parquet or mat file `data`, and `others` that were recorded beside it.
 
     Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
     """
     main = _examined(Path(data))
     for other in others:
         _add(main, _examined(Path(other)))
-    _count_from_liftoff(main)
     return _written(main)
 
 
@@ -181,16 +178,7 @@ def _judged(table: ForeignTable) -> None:
 
 
 def _add(table: ForeignTable, other: ForeignTable) -> None:
-    """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
-    properties: dict[str, MapEntry] = {}
-    for column in other.read.columns:
-        name = rules.vehicle_property(column)
-        if name is not None and name not in properties:
-            properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name], other), why="by name")
-    if properties:
-        other.entries = {"time": other.entries["time"], **properties}
-        table.vehicle = other
-        return
+    """What another file adds: channels that the main table lacks, on its own clock."""
     main, name = table.entries, other.recorder
     if table.axial in main and "ax" in other.entries:  # what the other sensed, if it runs as that of the main table
         axial, entry = table.values(table.axial), other.entries["ax"]
@@ -216,24 +204,6 @@ def _add(table: ForeignTable, other: ForeignTable) -> None:
     table.recorders.append(other)
 
 
-def _count_from_liftoff(table: ForeignTable) -> None:
-    """The main clock set to zero at lift-off, where a table of the vehicle counts from there and the log does not."""
-    if table.vehicle is None or not set(ACCELEROMETERS) <= set(table.entries):
-        return
-    time, name = table.in_si("time"), table.vehicle.path.name
-    if abs(time[0] - float(table.vehicle.in_si("time")[0])) < FAR:
-        return
-    burn = next((phase for phase in find_phases(time, *map(table.in_si, ACCELEROMETERS)) if phase.name == "burn"), None)
-    if burn is None:
-        table.unsure.append(f"{name} counts time from another zero than the log: give its time an offset")
-        return
-    if table.rest_s is not None:
-        table.rest_s = (table.rest_s[0] - burn.start_s, table.rest_s[1] - burn.start_s)
-    reason = f"zero set to the ignition, found at {burn.start_s:.3f} s, from which {name} counts"
-    offset = -burn.start_s / rules.sizes("time")[table.entries["time"].units]
-    table.change("time", reason, "whether that table counts from ignition", offset=offset)
-
-
 # ---- The map as commented YAML: `map.yaml.j2`, and what it needs ----
 
 
@@ -252,12 +222,10 @@ _GRADE = "instruments: their grade is taken as industrial; their accuracy decide
 
 def _written(table: ForeignTable) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
-    vehicle = table.vehicle
-    tables = [table, *table.recorders, *([vehicle] if vehicle else [])]
+    tables = [table, *table.recorders]
     channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
-    unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
-    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION] if unknown else []
+    said = [f"no table gives the properties of the vehicle: {', '.join(VEHICLE_DIMENSIONS)}", _NO_POSITION]
     unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
 
     rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
@@ -273,7 +241,6 @@ def _written(table: ForeignTable) -> Guess:
     text = templates.get_template("map.yaml.j2").render(
         main=table,
         tables=tables,
-        vehicle=vehicle,
         channels=channels,
         missing=missing,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
@@ -293,8 +260,7 @@ def _written(table: ForeignTable) -> Guess:
 def _flow(entry: MapEntry, more: str = "") -> str:
     """A column of the map, in one line."""
     recorder = f"recorder: {entry.recorder}, " if entry.recorder is not None else ""
-    offset = f", offset: {entry.offset:.10g}" if entry.offset != 0.0 else ""
-    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{offset}{more}}}"
+    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{more}}}"
 
 
 def _missing(channels: Collection[str]) -> list[str]:
@@ -316,9 +282,7 @@ def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
     for table in tables:
         recorder = None if table is main else table.recorder
         used = {entry.column for entry in main.entries.values() if entry.recorder == recorder}
-        if table is main.vehicle:
-            used = {entry.column for entry in table.entries.values()}
-        elif table is not main:
+        if table is not main:
             used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
         place = "" if table is main else f"{one_line(table.path.name)}: "
         for name, values in table.read.columns.items():

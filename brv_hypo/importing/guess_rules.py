@@ -53,11 +53,6 @@ _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
 }
-_VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
-    "mass": (("mass",), ("weight",)),
-    "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
-    "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
-}
 
 
 def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
@@ -75,12 +70,6 @@ def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]
         {channel: named[0][1] for channel, named in likeliest.items()},
         {channel: [column for _, column in named[1:]] for channel, named in likeliest.items()},
     )
-
-
-def vehicle_property(column: str) -> str | None:
-    """The property of the vehicle, of those that change in flight, that a name stands for; None for none."""
-    held = set(_words(column))
-    return next((name for name, names in _VEHICLE.items() if any(held.issuperset(each) for each in names)), None)
 
 
 def units_in(column: str, dimension: Dimension | None) -> str | None:
@@ -198,13 +187,12 @@ def units_of_gravity(reading: float) -> str | None:
 
 @dataclass(frozen=True)
 class MapEntry:
-    """One channel of the map: `column + offset`, in `units`."""
+    """One channel of the map: a column, in `units`."""
 
     column: str
     units: str
     why: str  # the reasons
     unsure: tuple[str, ...] = ()  # the doubts
-    offset: float = 0.0
     recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
 
@@ -214,13 +202,12 @@ class ForeignTable:
 
     path: Path
     read: ColumnTable  # with the units that the table states
-    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel, or property of the vehicle
+    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel
     unsure: list[str] = field(default_factory=list)  # doubts about the table as a whole
     rest_s: tuple[float, float] | None = None  # the pad, if there is one
     tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
     align: MapEntry | None = None  # of another recorder: what it sensed of ax
     recorders: list[ForeignTable] = field(default_factory=list)  # of the main table: files with clocks of their own
-    vehicle: ForeignTable | None = None  # of the main table: properties of the vehicle over time
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""

@@ -15,7 +15,6 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
         align: {column: accel, units: g, to: ax}   # the clock's offset, from what both recorders sensed
     vehicle:
       mass: {value: 832, units: kg}
-      ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
     beside:                        # further inertial units, averaged with the first
     - p: {column: gyro2_x, units: deg/s}
@@ -28,7 +27,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
 Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
 or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
 all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
-with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -58,7 +57,6 @@ from brv_hypo.flight.record import (
     Flight,
     Record,
     RecordFault,
-    Vehicle,
     check_shape,
     check_time,
     checked_vehicle,
@@ -77,7 +75,6 @@ from brv_hypo.io.text import naming, one_line, refusal
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
-STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
 INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
@@ -154,26 +151,6 @@ class VehicleValue(_Entry):
     units: str
 
 
-class VehicleColumn(_Entry):
-    """A property of the vehicle from a table over time: its mean over what is kept of the record."""
-
-    file: str
-    column: str
-    units: str
-    time: ColumnMap
-
-
-def _kind_of(entry: Any) -> str:
-    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
-    named = entry if isinstance(entry, dict) else getattr(entry, "__dict__", {})
-    return "column" if "file" in named or "column" in named else "value"
-
-
-VehicleEntry = Annotated[
-    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
-]
-
-
 class Derived(_Entry):
     """Channels that no instrument gave. `ascent`: speed from the axial accelerometer and the altitude."""
 
@@ -184,7 +161,7 @@ class RecordMap(Layout):
     """MAP.yaml; the layout is that of the main table."""
 
     channels: dict[str, ColumnMap]
-    vehicle: dict[str, VehicleEntry]
+    vehicle: dict[str, VehicleValue]
     recorders: dict[str, Recorder] = Field({})  # other files, each with a clock of its own
     beside: list[dict[str, ColumnMap]] = Field([])  # gyros and accelerometers of further units
     instruments: dict[str, Any] = Field({})  # grade and tolerances
@@ -203,7 +180,7 @@ def read_map(path: str | Path) -> RecordMap:
     """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
-    # A guessed map has null for what no table gives.
+    # A guessed map has null for what it does not know.
     vehicle = content.get("vehicle")
     entries = vehicle.items() if isinstance(vehicle, dict) else ()
     empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
@@ -241,46 +218,17 @@ def read_map(path: str | Path) -> RecordMap:
     return mapping
 
 
-def vehicle_of(
-    mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None = None
-) -> tuple[Vehicle, float, list[str]]:
-    """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
-
-    `zero` is that of dates. A property that a table gives is its mean over the window. Raises UsageError where a table
-    holds nothing in it, FlightRecordError for what no vehicle has.
-    """
-    values: dict[str, Any] = {}
-    changes, notes = 0.0, []
-    for name, entry in mapping.vehicle.items():
-        if isinstance(entry, VehicleColumn):
-            values[name], change = _from_table(name, entry, folders, window, zero)
-            changes = max(changes, 0.0 if name == "mass" else change)
-            steady = change <= STEADY_PROPERTY
-            change_note = "" if steady else f", which changes by ±{100.0 * change:.2g} % in the window"
-            notes.append(f"vehicle/{name} {values[name]:.5g} from {entry.file}{change_note}")
-        else:
-            size = to_si(np.asarray(entry.value), entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
-            values[name] = size.tolist()
-    return checked_vehicle(values), changes, notes
-
-
 def instruments_of(
-    mapping: RecordMap,
-    estimated: Mapping[str, Any],
-    inertia: float,
-    channels: Mapping[str, FloatArray],
-    speed_sigma: FloatArray | None,
+    mapping: RecordMap, estimated: Mapping[str, Any], channels: Mapping[str, FloatArray], speed_sigma: FloatArray | None
 ) -> Instruments:
-    """Tolerances: of the map's grade, then what pad, mounting, table and speed show, then what the map states.
+    """Tolerances: of the map's grade, then what pad, mounting and speed show, then what the map states.
 
-    `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
+    `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
     shown: dict[str, Any] = dict(estimated)
     for key in {"gyro_misalignment", "accel_misalignment"} & set(shown):
         shown[key] = float(np.hypot(shown[key], getattr(grade, key)[0]))
-    if inertia > STEADY_PROPERTY:
-        shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
     # Relative, of a dynamic pressure that is made of speed and a standard atmosphere.
     pressure = 0.0 if {"density", "dynamic_pressure"} & set(channels) else DENSITY_OF_THE_DAY
     if speed_sigma is not None and "dynamic_pressure" not in channels:
@@ -289,27 +237,6 @@ def instruments_of(
         shown |= {"dynamic_pressure_scale": pressure}
     stated = {key: value for key, value in mapping.instruments.items() if key != "grade"}
     return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
-
-
-def _from_table(
-    name: str, entry: VehicleColumn, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None
-) -> tuple[float, float]:
-    """Mean of a property over the window, SI, and half its relative range."""
-    path = found_file(entry.file, folders)
-    table = read_columns(path, (entry.time.column, entry.column), zero=zero)
-    columns, clock = table.columns, _with_units(entry.time, table, "time", f"vehicle/{name}/time")
-    time = _channel(columns[clock.column], clock, "time", f"vehicle/{name}/time")
-    values = to_si(columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
-    known = np.isfinite(time) & np.isfinite(values)
-    time, values = time[known], values[known]
-    inside = values[(time >= window[0]) & (time <= window[1])]
-    if not inside.size:
-        raise UsageError(
-            f"vehicle/{name}: {path} has no value of {entry.column} from {window[0]:.3g} to {window[1]:.3g} s. "
-            "Likely cause: another zero of time. Remedy: correct the offset of its time, or give a value."
-        )
-    mean = float(np.mean(inside))
-    return mean, 0.5 * float(np.ptp(inside)) / abs(mean) if mean else 0.0
 
 
 # ---- The flight that is made of a foreign record ----
@@ -356,18 +283,13 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
             raise FlightRecordError(f"{path}: {fault}")
         notes += table.notes
     with naming(source):
-        record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
+        record, faults, phases = _record(raw, mapping, source, notes)
     flight = assemble(record)
     return Imported(replace(flight, faults=(*faults, *flight.faults)), phases)
 
 
 def _record(
-    raw: Mapping[str | None, ColumnTable],
-    mapping: RecordMap,
-    source: Path,
-    folders: tuple[Path, ...],
-    zero: np.datetime64 | None,
-    notes: list[str],
+    raw: Mapping[str | None, ColumnTable], mapping: RecordMap, source: Path, notes: list[str]
 ) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
     """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
     time, channels, clock_notes = _on_one_clock(raw, mapping)
@@ -416,8 +338,10 @@ def _record(
         rate = rocket_log.needed_rate(time[flown[0] : flown[-1] + 1], motion)
     reach = 0.0 if rate is None else rocket_log.DECIMATED_REACH / rate  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
-    vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
-    notes += vehicle_notes
+    vehicle = {
+        name: to_si(entry.value, entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}").tolist()
+        for name, entry in mapping.vehicle.items()
+    }
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
         notes.append(f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s")
@@ -426,8 +350,8 @@ def _record(
         {
             "time": time[around],
             "channels": {name: values[around] for name, values in channels.items()},
-            "vehicle": vehicle,
-            "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
+            "vehicle": checked_vehicle(vehicle),
+            "instruments": instruments_of(mapping, tolerances, kept, None if sigma is None else sigma[inside]),
             "planet": mapping.planet,
             "title": mapping.title,
             "source": mapping.source or source.name,
@@ -454,7 +378,7 @@ def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | No
     if air is None:
         return nose_axis(time, *_triads(channels))
     place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
-    value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
+    value = to_si(place.value, place.units, "length", "vehicle/accelerometer_position")
     return nose_axis(time, *_triads(channels), (*air, np.broadcast_to(value, (3,))))
 
 
