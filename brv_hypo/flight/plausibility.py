@@ -447,16 +447,10 @@ def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) 
     return (RecordFault.over(time, "p, q, r, ax, ay, az", "mounting", words, decisive=True),)
 
 
-def gyro_fault(
-    time: FloatArray, rates: FloatArray, forces: FloatArray, air: tuple[FloatArray, FloatArray] | None = None
-) -> tuple[RecordFault, ...]:
-    """A fault where the forces (3, n) follow from the rates (3, n) in other units, turned or reversed.
-
-    `air` as of `relative_axes`.
-    """
+def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> tuple[RecordFault, ...]:
+    """A fault where the forces (3, n) follow from the rates (3, n) in other units, turned or reversed."""
     degree = float(np.pi / 180.0)
-    units = {"": 1.0, " in deg/s": degree, " in rad/s, read as deg/s": 1.0 / degree}
-    found = relative_axes(time, rates, forces, units, air)
+    found = relative_axes(time, rates, forces, {"": 1.0, " in deg/s": degree, " in rad/s, read as deg/s": 1.0 / degree})
     if found is None or found[2] > limits.GYROS_SURE or (found[0] == "" and np.array_equal(found[1], np.eye(3))):
         return ()
     words = (

@@ -17,9 +17,10 @@ import numpy as np
 import yaml
 from jinja2 import Environment, PackageLoader
 
+from brv_hypo import thresholds as limits
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
-from brv_hypo.flight.plausibility import air_of, contradictions, gyro_fault, mounting_fault, nose_axis
+from brv_hypo.flight.plausibility import air_of, as_turned, contradictions, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
@@ -34,8 +35,8 @@ ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the gr
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
 _NOT_STATED = "not stated"  # in a doubt of units
 _NOT_CHECKED = (
-    "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, "
-    "would show them"
+    "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, may "
+    "show them"
 )
 
 
@@ -162,14 +163,18 @@ def _judged(table: ForeignTable) -> None:
     time = channels.pop("time")
     faults = contradictions(time, channels)
     if set(INERTIAL_CHANNELS) <= set(channels):
-        rates, forces = (np.stack([channels[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-        table.tilt, air = nose_axis(time, np.zeros_like(rates), forces), air_of(channels)
-        if table.tilt is not None:
-            faults += gyro_fault(time, table.tilt.matrix @ rates, table.tilt.matrix @ forces)
-        elif air is not None:
-            faults += gyro_fault(time, rates, forces, air)
-        else:
+        rates, forces = (
+            np.stack([table.values(name) for name in GYROS]),
+            np.stack([channels[n] for n in ACCELEROMETERS]),
+        )
+        table.tilt = nose_axis(time, np.zeros_like(rates), forces)
+        turn, air = (np.eye(3), air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
+        found = relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
+        if found is None or found[2] > limits.GYROS_SURE:
             table.unsure.append(_NOT_CHECKED)
+        elif found[0] != table.entries["p"].units or not np.array_equal(found[1], np.eye(3)):
+            said = f"as if {as_turned(GYROS, found[1])} in {found[0]}"
+            table.unsure.append(f"gyros: the forces across the axis follow from the rates {said}")
     table.unsure += [f"{fault.channel}: {fault.action}" for fault in faults]
     if {"density", "altitude"} <= set(channels):
         share = float(np.nanmedian(channels["density"] / atmosphere(channels["altitude"], "density")))

@@ -39,7 +39,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
@@ -75,7 +74,6 @@ from brv_hypo.io.text import naming, one_line, refusal
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
-INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
@@ -125,7 +123,6 @@ class ColumnMap(_Entry):
     offset: float = 0.0
     missing: float | None = None  # the value that stands for a missing sample
     recorder: str | None = None  # the recorder of the column; None is the main table
-    increments: bool = False  # of angle or velocity, in their units, since the sample before
 
 
 class Alignment(_Entry):
@@ -151,12 +148,6 @@ class VehicleValue(_Entry):
     units: str
 
 
-class Derived(_Entry):
-    """Channels that no instrument gave. `ascent`: speed from the axial accelerometer and the altitude."""
-
-    velocity: Literal["ascent"]
-
-
 class RecordMap(Layout):
     """MAP.yaml; the layout is that of the main table."""
 
@@ -168,7 +159,7 @@ class RecordMap(Layout):
     # From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin.
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
     pad: Span | None = None  # times between which the vehicle is at rest, nose up, s
-    derive: Derived | None = None
+    derive: dict[Literal["velocity"], Literal["ascent"]] = Field({})  # from ax and altitude, on a steep climb
     window: PhaseName | Span | None = None  # what is kept: a phase that is found, or times in s
     rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None  # Hz; "auto" is what the motion needs
     planet: str = "earth"
@@ -275,7 +266,7 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
         table = raw[name] = read_columns(path, columns, recorder or mapping, zero)
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
-            mapping.channels[key] = _with_units(entry, table, _dimension(key, entry), f"channels/{key}")
+            mapping.channels[key] = _with_units(entry, table, _dimension(key), f"channels/{key}")
         if recorder is not None:
             recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
         clock = recorder.time if recorder is not None else mapping.channels["time"]
@@ -317,7 +308,7 @@ def _record(
         channels, rest, biases, pad_notes = rocket_log.take_out_biases(time, channels, mapping.pad, sigma_known)
         tolerances |= biases
         notes += pad_notes
-    if mapping.derive is not None:
+    if mapping.derive:
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
@@ -411,13 +402,11 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
 def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
     """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
-        name: _channel(raw[None].columns[entry.column], entry, _dimension(name, entry), name)
+        name: _channel(raw[None].columns[entry.column], entry, _dimension(name), name)
         for name, entry in mapping.channels.items()
         if entry.recorder is None
     }
     time = channels.pop("time")
-    for name in channels:
-        channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
     steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
@@ -440,8 +429,7 @@ def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> 
             )
         for channel, entry in mapping.channels.items():
             if entry.recorder == name:
-                values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
-                values = _rate(clock, values) if entry.increments else values
+                values = _channel(columns[entry.column], entry, _dimension(channel), channel)
                 known = np.isfinite(values) & np.isfinite(clock)
                 steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
@@ -460,12 +448,9 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
     return to_si(entry.scale * known + entry.offset, entry.units or "", dimension, name)
 
 
-def _dimension(name: str, entry: ColumnMap) -> Dimension:
-    """Of what a channel's column holds. Raises UsageError for increments of what has none."""
-    dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
-    if entry.increments and dimension not in INTEGRATED:
-        raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
-    return INTEGRATED[dimension] if entry.increments else dimension
+def _dimension(name: str) -> Dimension:
+    """Of a channel, whichever unit's."""
+    return {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
 
 
 def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, place: str) -> ColumnMap:
@@ -478,18 +463,6 @@ def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, plac
             f"{dimension}, such as {EXAMPLES[dimension]}."
         )
     return entry.model_copy(update={"units": units})
-
-
-def _rate(time: FloatArray, increments: FloatArray) -> FloatArray:
-    """The rate (n,) whose integral grows by `increments` (n,) up to each sample; NaN where one is missing."""
-    check_time(time)
-    steps = np.diff(time, prepend=2.0 * time[0] - time[1])
-    known = np.isfinite(increments)
-    if known.sum() < 2:
-        return np.full_like(time, np.nan)
-    grown = np.cumsum(np.interp(time, time[known], (increments / steps)[known]) * steps)
-    whole = CubicSpline(np.insert(time, 0, time[0] - steps[0]), np.insert(grown, 0, 0.0))
-    return np.where(known, whole.derivative()(time), np.nan)
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:
