@@ -150,7 +150,6 @@ DIALECTS = {
     "parquet, durations": parquet(pd.to_timedelta(TRUTH["time"], unit="s")),
     "MATLAB matrix": mat({"log": MATRIX}, "log.", numbered=True),
     "MATLAB matrix, lying": mat({"log": MATRIX.T, "note": "lying"}, "log.", numbered=True),
-    "MATLAB matrix, names in the map": mat({"log": MATRIX}, names=NAMES),
     "MATLAB array of structs": mat({"log": STRUCTS}, "log."),
     "MATLAB struct with a matrix": mat({"log": {"data": MATRIX}}, "log.data.", numbered=True),
     "MATLAB 7.3, matrix": mat(lambda file: file.update({"log": MATRIX.T}), "log.", numbered=True),

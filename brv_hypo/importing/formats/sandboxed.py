@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import missing_package
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS
-from brv_hypo.importing.formats import Layout, TableFormat, check_columns
+from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.sandbox import Budget, read_in_sandbox
 from brv_hypo.io.text import refused
@@ -33,19 +32,6 @@ def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnT
     if find_spec("pyarrow") is None:
         raise missing_package(f"{path}: reading parquet", "pyarrow", "tables")
     return read_in_sandbox("Parquet", parquet_table, path, names)
-
-
-def _read_mat(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    """A matrix of as many columns as the map has `names` gets these."""
-    given: dict[str, str] = {}
-    if layout.names:
-        known, count = read_in_sandbox("MATLAB", mat_table, path, ()).names, len(layout.names)
-        matrix = next((each[: -len(str(count))] for each in known if each.endswith(f".{count}")), "")
-        check_columns((f"{matrix or 'matrix.'}{count}",), known, path)
-        given = {name: f"{matrix}{k}" for k, name in enumerate(layout.names, 1)}
-    table = read_in_sandbox("MATLAB", mat_table, path, tuple(given.get(name, name) for name in names))
-    columns = {name: each for name in names if (each := table.columns.get(given.get(name, name))) is not None}
-    return replace(table, columns=columns, names=(*given, *table.names))
 
 
 # ---- Logs of flight computers ----
@@ -140,5 +126,5 @@ FORMATS = (
     TableFormat("cats", lambda path, names, _: read_in_sandbox("CATS log", cats_table, path, names), (".cfl",)),
     TableFormat("px4", _read_px4, (".ulg",), lambda path, head: head.startswith("ULog\x01\x12\x35")),
     TableFormat("parquet", _read_parquet, (".parquet",)),
-    TableFormat("mat", _read_mat, (".mat",)),
+    TableFormat("mat", lambda path, names, _: read_in_sandbox("MATLAB", mat_table, path, names), (".mat",)),
 )
