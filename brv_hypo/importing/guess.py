@@ -19,8 +19,8 @@ from jinja2 import Environment, PackageLoader
 
 from brv_hypo import thresholds as limits
 from brv_hypo.errors import UsageError
+from brv_hypo.flight import plausibility as physics
 from brv_hypo.flight.derived import atmosphere
-from brv_hypo.flight.plausibility import air_of, as_turned, contradictions, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
@@ -161,20 +161,29 @@ def _judged(table: ForeignTable) -> None:
     """Doubts where the channels, as they are guessed, break the physics of any vehicle: as on import."""
     channels = {name: table.in_si(name) for name in table.entries if name in CHANNEL_DIMENSIONS}
     time = channels.pop("time")
-    faults = contradictions(time, channels)
+    faults = physics.contradictions(time, channels)
     if set(INERTIAL_CHANNELS) <= set(channels):
-        rates, forces = (
-            np.stack([table.values(name) for name in GYROS]),
-            np.stack([channels[n] for n in ACCELEROMETERS]),
-        )
-        table.tilt = nose_axis(time, np.zeros_like(rates), forces)
-        turn, air = (np.eye(3), air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
-        found = relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
+        rates = np.stack([table.values(name) for name in GYROS])
+        forces = np.stack([channels[name] for name in ACCELEROMETERS])
+        table.tilt = physics.nose_axis(time, np.zeros_like(rates), forces)
+        turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
+        found = physics.relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
         if found is None or found[2] > limits.GYROS_SURE:
             table.unsure.append(_NOT_CHECKED)
         elif found[0] != table.entries["p"].units or not np.array_equal(found[1], np.eye(3)):
-            said = f"as if {as_turned(GYROS, found[1])} in {found[0]}"
+            said = f"as if {physics.as_turned(GYROS, found[1])} in {found[0]}"
             table.unsure.append(f"gyros: the forces across the axis follow from the rates {said}")
+            for name in GYROS:
+                table.change(
+                    name, f"in {found[0]} the forces across the axis follow from them", units=found[0], unsure=()
+                )
+        for name, (rise, made) in physics.gains(time, forces, channels).items():
+            sizes, own = rules.sizes(CHANNEL_DIMENSIONS[name]), table.entries[name].units
+            off = {unit: abs(np.log(max(rise, 1e-9) / made * size / sizes[own])) for unit, size in sizes.items()}
+            if (likely := min(off, key=lambda unit: off[unit])) != own:
+                table.change(
+                    name, f"in {likely} its gain in the burn is nearest to the forces'", units=likely, unsure=()
+                )
     table.unsure += [f"{fault.channel}: {fault.action}" for fault in faults]
     if {"density", "altitude"} <= set(channels):
         share = float(np.nanmedian(channels["density"] / atmosphere(channels["altitude"], "density")))
@@ -253,7 +262,7 @@ def _written(table: ForeignTable) -> Guess:
         no_position=_NO_POSITION,
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
-        turned=bool(mounting_fault(table.in_si("time"), table.tilt)),
+        turned=bool(physics.mounting_fault(table.in_si("time"), table.tilt)),
         rate=rate if rate > SLOWEST_FAST else None,
         unused=_unused(tables),
         flow=_flow,
