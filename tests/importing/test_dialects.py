@@ -15,7 +15,7 @@ from brv_hypo.importing import import_record
 from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, units_in
 from tests.flight.records import UNITS
-from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, fault_of
+from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, csv, fault_of
 from tests.importing.test_foreign import foreign_map, write_map
 
 
@@ -52,6 +52,11 @@ LOGGERS = {
     ),
     "T,Alt,Veloc,FAlt,FVeloc,LDA,LowV,Apogee,N-O,Drogue,Main": {"time": "ms", "altitude": "ft", "velocity": "ft/s"},
 }
+LABEL = 'PDS_VERSION_ID = PDS3\n^TABLE = "LOG.TAB"\nOBJECT = TABLE\n{}END_OBJECT = TABLE\nEND\n'
+COLUMN = (
+    "OBJECT = COLUMN\n  NAME = {}\n  DATA_TYPE = ASCII_REAL\n  START_BYTE = {}\n  BYTES = 9\n  UNIT = {}\n"
+    '  MISSING_CONSTANT = -99.0\n  DESCRIPTION = "One\n    axis = x"\nEND_OBJECT = COLUMN\n'
+)
 
 
 @pytest.mark.parametrize(("header", "units"), LOGGERS.items(), ids=["altos", "blue-raven", "eggtimer"])
@@ -63,6 +68,17 @@ def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(
     (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
     found = yaml.safe_load(guess_map(tmp_path / "log.csv").text)["channels"]
     assert {name: found[name]["units"] for name in units} == units
+
+
+def test_a_table_of_the_planetary_data_system_is_read_by_its_label(tmp_path: Path) -> None:
+    names = {"time": "SECOND", "p": '"RAD/S"'} | {name: UNITS[name] for name in [*TRUTH][2:]}
+    columns = [COLUMN.format(name, 1 + 9 * k, unit) for k, (name, unit) in enumerate(names.items())]
+    (tmp_path / "log.lbl").write_text(LABEL.format("".join(columns)))
+    csv("", form="9.3f", names=None).write(tmp_path / "LOG.TAB")
+    mapping = write_map(tmp_path, foreign_map() | {"channels": {name: {"column": name} for name in TRUTH}})
+    for name in ("log.lbl", "LOG.TAB"):
+        flight = import_record(tmp_path / name, mapping)
+        np.testing.assert_allclose(flight.ax, TRUTH["ax"], atol=6e-4)
 
 
 def test_names_of_rates_and_of_pressures() -> None:
