@@ -15,6 +15,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
         align: {column: accel, units: g, to: ax}   # the clock's offset, from what both recorders sensed
     vehicle:
       mass: {value: 832, units: kg}
+      ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
     beside:                        # further inertial units, averaged with the first
     - p: {column: gyro2_x, units: deg/s}
@@ -27,7 +28,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
 Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
 or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
 all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
-faults masked on the way to the rate that the motion needs.
+with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
@@ -56,6 +57,7 @@ from brv_hypo.flight.record import (
     Flight,
     Record,
     RecordFault,
+    Vehicle,
     check_shape,
     check_time,
     checked_vehicle,
@@ -74,6 +76,7 @@ from brv_hypo.io.text import naming, one_line, refusal
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
+STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
@@ -148,11 +151,30 @@ class VehicleValue(_Entry):
     units: str
 
 
+class VehicleColumn(_Entry):
+    """A property of the vehicle from a table over time: its mean over what is kept of the record."""
+
+    file: str
+    column: str
+    units: str
+    time: ColumnMap
+
+
+def _kind_of(entry: Any) -> str:
+    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
+    return "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"
+
+
+VehicleEntry = Annotated[
+    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
+]
+
+
 class RecordMap(Layout):
     """MAP.yaml; the layout is that of the main table."""
 
     channels: dict[str, ColumnMap]
-    vehicle: dict[str, VehicleValue]
+    vehicle: dict[str, VehicleEntry]
     recorders: dict[str, Recorder] = Field({})  # other files, each with a clock of its own
     beside: list[dict[str, ColumnMap]] = Field([])  # gyros and accelerometers of further units
     instruments: dict[str, Any] = Field({})  # grade and tolerances
@@ -171,7 +193,7 @@ def read_map(path: str | Path) -> RecordMap:
     """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
-    # A guessed map has null for what it does not know.
+    # A guessed map has null for what no table gives.
     vehicle = content.get("vehicle")
     entries = vehicle.items() if isinstance(vehicle, dict) else ()
     empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
@@ -209,17 +231,56 @@ def read_map(path: str | Path) -> RecordMap:
     return mapping
 
 
-def instruments_of(
-    mapping: RecordMap, estimated: Mapping[str, Any], channels: Mapping[str, FloatArray], speed_sigma: FloatArray | None
-) -> Instruments:
-    """Tolerances: of the map's grade, then what pad, mounting and speed show, then what the map states.
+def vehicle_of(
+    mapping: RecordMap, raw: Mapping[str | None, ColumnTable], window: tuple[float, float]
+) -> tuple[Vehicle, float, list[str]]:
+    """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
 
-    `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
+    `raw` has the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError
+    for what no vehicle has.
+    """
+    values: dict[str, Any] = {}
+    changes, notes = 0.0, []
+    for name, entry in mapping.vehicle.items():
+        place = f"vehicle/{name}"
+        if isinstance(entry, VehicleValue):
+            values[name] = to_si(entry.value, entry.units, VEHICLE_DIMENSIONS[name], place).tolist()
+            continue
+        table = raw[place]
+        clock = _with_units(entry.time, table, "time", f"{place}/time")
+        time = _channel(table.columns[clock.column], clock, "time", f"{place}/time")
+        held = to_si(table.columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], place)
+        held = held[(time >= window[0]) & (time <= window[1]) & np.isfinite(held)]
+        if not held.size:
+            raise UsageError(
+                f"{place}: {entry.file} has no value of {entry.column} from {window[0]:.3g} to {window[1]:.3g} s. "
+                "Likely cause: another zero of time. Remedy: correct the offset of its time, or give a value."
+            )
+        values[name] = float(np.mean(held))
+        change = 0.5 * float(np.ptp(held)) / (abs(values[name]) or 1.0)
+        changes = max(changes, 0.0 if name == "mass" else change)
+        said = f", which changes by ±{100.0 * change:.2g} % in the window" if change > STEADY_PROPERTY else ""
+        notes.append(f"{place} {values[name]:.5g} from {entry.file}{said}")
+    return checked_vehicle(values), changes, notes
+
+
+def instruments_of(
+    mapping: RecordMap,
+    estimated: Mapping[str, Any],
+    inertia: float,
+    channels: Mapping[str, FloatArray],
+    speed_sigma: FloatArray | None,
+) -> Instruments:
+    """Tolerances: of the map's grade, then what pad, mounting, table and speed show, then what the map states.
+
+    `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
     shown: dict[str, Any] = dict(estimated)
     for key in {"gyro_misalignment", "accel_misalignment"} & set(shown):
         shown[key] = float(np.hypot(shown[key], getattr(grade, key)[0]))
+    if inertia > STEADY_PROPERTY:
+        shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
     # Relative, of a dynamic pressure that is made of speed and a standard atmosphere.
     pressure = 0.0 if {"density", "dynamic_pressure"} & set(channels) else DENSITY_OF_THE_DAY
     if speed_sigma is not None and "dynamic_pressure" not in channels:
@@ -273,6 +334,10 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
         notes += table.notes
+    for name, held in mapping.vehicle.items():
+        if isinstance(held, VehicleColumn):
+            path = found_file(held.file, folders)
+            raw[f"vehicle/{name}"] = read_columns(path, (held.time.column, held.column), zero=zero)
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, notes)
     flight = assemble(record)
@@ -329,10 +394,8 @@ def _record(
         rate = rocket_log.needed_rate(time[flown[0] : flown[-1] + 1], motion)
     reach = 0.0 if rate is None else rocket_log.DECIMATED_REACH / rate  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
-    vehicle = {
-        name: to_si(entry.value, entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}").tolist()
-        for name, entry in mapping.vehicle.items()
-    }
+    vehicle, inertia, vehicle_notes = vehicle_of(mapping, raw, window)
+    notes += vehicle_notes
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
         notes.append(f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s")
@@ -341,8 +404,8 @@ def _record(
         {
             "time": time[around],
             "channels": {name: values[around] for name, values in channels.items()},
-            "vehicle": checked_vehicle(vehicle),
-            "instruments": instruments_of(mapping, tolerances, kept, None if sigma is None else sigma[inside]),
+            "vehicle": vehicle,
+            "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
             "planet": mapping.planet,
             "title": mapping.title,
             "source": mapping.source or source.name,
@@ -369,7 +432,7 @@ def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | No
     if air is None:
         return nose_axis(time, *_triads(channels))
     place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
-    value = to_si(place.value, place.units, "length", "vehicle/accelerometer_position")
+    value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
     return nose_axis(time, *_triads(channels), (*air, np.broadcast_to(value, (3,))))
 
 

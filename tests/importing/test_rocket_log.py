@@ -1,4 +1,4 @@
-"""From a rocket's raw log to a record: clocks, pad, speed, phases, rate."""
+"""From a rocket's raw log to a record: clocks, pad, speed, phases, rate, masses from a table, raw values kept."""
 
 from __future__ import annotations
 
@@ -47,10 +47,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory, unit: dict[str, Any]) -> Pa
     path = tmp_path_factory.mktemp("rocket")
     write_csv(path / "unit.csv", unit)
     write_csv(path / "altimeter.csv", rockets.altimeter())
+    table = np.linspace(0.0, 20.0, 41)
+    masses = {"t": table, "m": np.where(table < 4.0, 150.0 - 7.0 * table, 122.0), "i": 30.0 + 0.1 * table}
+    write_csv(path / "masses.csv", masses)
     return path
 
 
 def rocket_map(**changes: Any) -> dict[str, Any]:
+    mass = {"file": "masses.csv", "time": {"column": "t", "units": "s"}}
     return {
         "channels": {
             **{name: {"column": name, "units": UNITS[name]} for name in ("time", "p", "q", "r", "ax", "ay", "az")},
@@ -63,7 +67,11 @@ def rocket_map(**changes: Any) -> dict[str, Any]:
                 "align": {"column": "acceleration", "units": "m/s^2", "to": "ax"},
             }
         },
-        "vehicle": VEHICLE_MAP,
+        "vehicle": {
+            **VEHICLE_MAP,
+            "mass": {**mass, "column": "m", "units": "kg"},
+            "iyy": {**mass, "column": "i", "units": "kg*m^2"},
+        },
         "instruments": {"grade": "industrial"},
         "pad": [-4.5, -0.5],
         "derive": {"velocity": "ascent"},
@@ -87,6 +95,8 @@ def test_the_whole_log_becomes_a_record_of_its_coast(folder: Path) -> None:
     np.testing.assert_allclose(flight.altitude[inside], altitude[inside], atol=15.0)
     middle = inside & (np.abs(flight.time - 8.0) > 0.5)
     np.testing.assert_allclose(flight.q[middle], 0.06 * np.cos(2.4 * np.pi * flight.time[middle]), atol=2e-3)
+    assert flight.vehicle.mass == pytest.approx(122.0)
+    assert flight.instruments.inertia[0] > 0.02  # iyy changes over the window
     assert flight.instruments.dynamic_pressure_scale[0] > 0.02
 
 
@@ -113,6 +123,13 @@ def test_a_record_with_thrust_is_offered_its_coast(folder: Path, tmp_path: Path)
 def test_a_wrong_entry_is_refused_by_name(folder: Path, changes: dict[str, Any], says: str) -> None:
     with pytest.raises(UsageError, match=says):
         bring_in(folder / "unit.csv", write_map(folder, rocket_map(**changes)))
+
+
+def test_masses_of_another_zero_of_time_are_refused(folder: Path) -> None:
+    mapping = rocket_map()
+    mapping["vehicle"]["mass"]["time"]["offset"] = 1000.0
+    with pytest.raises(UsageError, match=r"vehicle/.*another zero of time"):
+        bring_in(folder / "unit.csv", write_map(folder, mapping))
 
 
 def test_an_entry_has_no_phases() -> None:
