@@ -2,7 +2,7 @@
 
 Every entry gives its reason; what is unsure is marked in the map and listed beside it. Nothing is hidden: columns
 that were not used are listed at the end, with their ranges. Other files may go with the first: recorders with
-clocks of their own. The rules are in guess_rules.py; here they are applied,
+clocks of their own, and tables of the vehicle over time. The rules are in guess_rules.py; here they are applied,
 joined over the files and written as YAML by a template.
 """
 
@@ -21,6 +21,7 @@ from brv_hypo import thresholds as limits
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import plausibility as physics
 from brv_hypo.flight.derived import atmosphere
+from brv_hypo.flight.inspection import find_phases
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
@@ -32,12 +33,14 @@ from brv_hypo.io.text import one_line
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
 ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
+FAR = 60.0  # s: clocks that begin further apart have another zero
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
 _NOT_STATED = "not stated"  # in a doubt of units
 _NOT_CHECKED = (
-    "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, may "
-    "show them"
+    "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, "
+    "would show them"
 )
+_NOT_SHOWN = "signs and axes of the gyros: the forces do not show them, and they are taken as named"
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,16 @@ class Guess:
 
 
 def guess_map(data: str | Path, *others: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`, and `others` that were recorded beside it.
+    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
 
     Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
     """
     main = _examined(Path(data))
+    main.entries = {name: entry for name, entry in main.entries.items() if name not in VEHICLE_DIMENSIONS}
     for other in others:
         _add(main, _examined(Path(other)))
+    _judged(main)
+    _count_from_liftoff(main)
     return _written(main)
 
 
@@ -67,12 +73,14 @@ def _examined(path: Path) -> ForeignTable:
     known = [name for name, values in table.read.columns.items() if np.any(np.isfinite(values))]
     chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
-        dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
+        dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE, **VEHICLE_DIMENSIONS}.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
     _by_gravity(table)
     _by_range(table)
-    _judged(table)
+    if set(INERTIAL_CHANNELS) <= set(table.entries):
+        forces = np.stack([table.in_si(name) for name in ACCELEROMETERS])
+        table.tilt = physics.nose_axis(table.in_si("time"), np.zeros_like(forces), forces)
     for channel, names in others.items():
         if names and channel in table.entries:
             table.change(channel, "the likeliest name", f"{', '.join(names)} may be {channel} as well")
@@ -89,6 +97,15 @@ def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
 
 def _not_stated(column: str, units: str) -> str:
     return f"units of {column} are {_NOT_STATED}: {units} is a guess"
+
+
+def _sure(table: ForeignTable, channel: str, units: str, why: str) -> None:
+    """Units by physics, which stand above those of a name."""
+    entry = table.entries[channel]
+    doubts = [each for each in entry.unsure if _NOT_STATED not in each]
+    if len(doubts) == len(entry.unsure) and units != entry.units:
+        doubts.append(f"its name says {entry.units}, {why}")
+    table.change(channel, why, units=units, unsure=tuple(doubts))
 
 
 def _find_time(table: ForeignTable) -> None:
@@ -140,10 +157,7 @@ def _by_gravity(table: ForeignTable) -> None:
         table.unsure.append(f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known")
         return
     for name in ACCELEROMETERS:
-        before = table.entries[name]
-        why = f"at rest they read {norm:.4g}, gravity in {units}"
-        named = () if before.units == units or before.unsure else (f"its name says {before.units}, {why}",)
-        table.change(name, why, units=units, unsure=named)
+        _sure(table, name, units, f"at rest they read {norm:.4g}, gravity in {units}")
     if rest >= PAD_FEWEST_SAMPLES:
         table.rest_s = (float(time[0]), float(time[rest - 1]))
 
@@ -159,47 +173,66 @@ def _by_range(table: ForeignTable) -> None:
 
 def _judged(table: ForeignTable) -> None:
     """Doubts where the channels, as they are guessed, break the physics of any vehicle: as on import."""
-    channels = {name: table.in_si(name) for name in table.entries if name in CHANNEL_DIMENSIONS}
+    known = [n for n in CHANNEL_DIMENSIONS if n in table.entries and np.any(np.isfinite(table.values(n)))]
+    if set(ACCELEROMETERS) <= set(known):
+        _by_burn(table, known)
+    channels = {name: table.in_si(name) for name in known}
     time = channels.pop("time")
-    faults = physics.contradictions(time, channels)
     if set(INERTIAL_CHANNELS) <= set(channels):
         rates = np.stack([table.values(name) for name in GYROS])
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
-        table.tilt = physics.nose_axis(time, np.zeros_like(rates), forces)
         turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
         found = physics.relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
         if found is None or found[2] > limits.GYROS_SURE:
-            table.unsure.append(_NOT_CHECKED)
-        elif found[0] != table.entries["p"].units or not np.array_equal(found[1], np.eye(3)):
-            said = f"as if {physics.as_turned(GYROS, found[1])} in {found[0]}"
-            table.unsure.append(f"gyros: the forces across the axis follow from the rates {said}")
+            table.unsure.append(_NOT_CHECKED if table.tilt is None and air is None else _NOT_SHOWN)
+        else:
+            said = f"the forces across the axis follow from the rates in {found[0]}"
             for name in GYROS:
-                table.change(
-                    name, f"in {found[0]} the forces across the axis follow from them", units=found[0], unsure=()
-                )
-        for name, (rise, made) in physics.gains(time, forces, channels).items():
-            sizes, own = rules.sizes(CHANNEL_DIMENSIONS[name]), table.entries[name].units
-            off = {unit: abs(np.log(max(rise, 1e-9) / made * size / sizes[own])) for unit, size in sizes.items()}
-            if (likely := min(off, key=lambda unit: off[unit])) != own:
-                table.change(
-                    name, f"in {likely} its gain in the burn is nearest to the forces'", units=likely, unsure=()
-                )
-    table.unsure += [f"{fault.channel}: {fault.action}" for fault in faults]
+                _sure(table, name, found[0], said)
+            if not np.array_equal(found[1], np.eye(3)):
+                table.unsure.append(f"gyros: {said} as if {physics.as_turned(GYROS, found[1])}")
+    table.unsure += [f"{fault.channel}: {fault.action}" for fault in physics.contradictions(time, channels)]
     if {"density", "altitude"} <= set(channels):
         share = float(np.nanmedian(channels["density"] / atmosphere(channels["altitude"], "density")))
         if not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
             table.unsure.append(f"the planet: the density is {share:.2g} of the Earth's at its altitudes")
 
 
+def _by_burn(table: ForeignTable, known: Collection[str]) -> None:
+    """Units of speed and altitude by what the thrust gains, as far as import would contradict those of their names."""
+    forces = np.stack([table.in_si(name) for name in ACCELEROMETERS])
+    recorded = {name: table.in_si(name) for name in ("velocity", "altitude") if name in known}
+    for name, (rise, made) in physics.gains(table.in_si("time"), forces, recorded).items():
+        sizes, own = rules.sizes(CHANNEL_DIMENSIONS[name]), table.entries[name].units
+        shares = {unit: rise / made * size / sizes[own] for unit, size in sizes.items()}
+        fitting = [unit for unit, share in shares.items() if limits.GAIN_WITHIN[0] < share < limits.GAIN_WITHIN[1]]
+        if fitting:
+            likely = own if own in fitting else min(fitting, key=lambda unit: abs(np.log(shares[unit])))
+            made_si = f"{made:.3g} {SI[CHANNEL_DIMENSIONS[name]]}"
+            _sure(table, name, likely, f"in {likely} it gains in the burn what the forces make, {made_si}, or nearly")
+
+
 def _add(table: ForeignTable, other: ForeignTable) -> None:
-    """What another file adds: channels that the main table lacks, on its own clock."""
-    main, name = table.entries, other.recorder
+    """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
+    properties = {name: entry for name, entry in other.entries.items() if name in VEHICLE_DIMENSIONS}
+    if properties:
+        other.entries = {"time": other.entries["time"], **properties}
+        table.vehicle = other
+        return
+    main, name, clock = table.entries, other.recorder, other.in_si("time")
     if table.axial in main and "ax" in other.entries:  # what the other sensed, if it runs as that of the main table
-        axial, entry = table.values(table.axial), other.entries["ax"]
+        time, axial = table.in_si("time"), table.in_si(table.axial)
         with suppress(UsageError):
-            _, likeness = clock_offset(table.in_si("time"), axial, other.in_si("time"), other.values("ax"))
-            why = f"{entry.why}; it runs as {table.axial} does, correlation {likeness:.3f}"
-            other.align = replace(entry, why=why)
+            moved, likeness = clock_offset(time, axial, clock, other.values("ax"))
+            clock = clock + moved
+            sensed, reads = np.interp(clock, time, axial, np.nan, np.nan), other.values("ax")
+            both = np.isfinite(sensed + reads)
+            slope = np.polyfit(sensed[both], reads[both], 1)[0]
+            units = rules.units_of_gravity(physics.GRAVITY * slope)
+            if units is not None:
+                _sure(other, "ax", units, f"it reads {slope:.3g} for each m/s^2 of {table.axial}: it is in {units}")
+            other.change("ax", f"it runs as {table.axial} does, correlation {likeness:.3f}")
+            other.align = other.entries["ax"]
     table.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
     if other.align is None:
         table.unsure.append(
@@ -210,12 +243,30 @@ def _add(table: ForeignTable, other: ForeignTable) -> None:
         # Speed is better made of ax and altitude than taken from a recorder's own integral.
         derived = channel == "velocity" and {"ax", "altitude"} <= set(main)
         if channel in other.entries and channel not in main and not derived:
-            entry = replace(other.entries[channel], recorder=name)
+            main[channel] = replace(other.entries[channel], recorder=name)
+            table.joined[channel] = np.interp(table.in_si("time"), clock, other.values(channel), np.nan, np.nan)
             if channel == "altitude" and abs(float(np.nanmedian(other.in_si("altitude")[:5]))) <= ABOVE_GROUND:
-                doubt = "it begins at nought, above the ground: add the site's height above the sea as offset, in "
-                entry = replace(entry, unsure=(*entry.unsure, doubt + entry.units))
-            main[channel] = entry
+                doubt = "it begins at nought, above the ground: add the site's height above the sea as offset"
+                table.change(channel, "it begins at nought", doubt)
     table.recorders.append(other)
+
+
+def _count_from_liftoff(table: ForeignTable) -> None:
+    """The main clock set to zero at lift-off, where a table of the vehicle counts from there and the log does not."""
+    if table.vehicle is None or not set(ACCELEROMETERS) <= set(table.entries):
+        return
+    time, name = table.in_si("time"), table.vehicle.path.name
+    if abs(time[0] - float(table.vehicle.in_si("time")[0])) < FAR:
+        return
+    burn = next((phase for phase in find_phases(time, *map(table.in_si, ACCELEROMETERS)) if phase.name == "burn"), None)
+    if burn is None:
+        table.unsure.append(f"{name} counts time from another zero than the log: give its time an offset")
+        return
+    if table.rest_s is not None:
+        table.rest_s = (table.rest_s[0] - burn.start_s, table.rest_s[1] - burn.start_s)
+    reason = f"zero set to the ignition, found at {burn.start_s:.3f} s, from which {name} counts"
+    offset = -burn.start_s / rules.sizes("time")[table.entries["time"].units]
+    table.change("time", reason, "whether that table counts from ignition", offset=offset)
 
 
 # ---- The map as commented YAML: `map.yaml.j2`, and what it needs ----
@@ -236,11 +287,13 @@ _GRADE = "instruments: their grade is taken as industrial; their accuracy decide
 
 def _written(table: ForeignTable) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
-    tables = [table, *table.recorders]
+    tables = [table, *table.recorders, *([table.vehicle] if table.vehicle else [])]
     channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
-    said = [f"no table gives the properties of the vehicle: {', '.join(VEHICLE_DIMENSIONS)}", _NO_POSITION]
-    unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
+    vehicle = {n: e for n, e in table.vehicle.entries.items() if n in VEHICLE_DIMENSIONS} if table.vehicle else {}
+    unknown = [name for name in VEHICLE_DIMENSIONS if name not in vehicle]
+    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION]
+    unsure = [f"{name}: {doubt}" for name, entry in {**channels, **vehicle}.items() for doubt in entry.unsure]
 
     rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
 
@@ -256,6 +309,7 @@ def _written(table: ForeignTable) -> Guess:
         main=table,
         tables=tables,
         channels=channels,
+        vehicle=vehicle,
         missing=missing,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
@@ -274,7 +328,8 @@ def _written(table: ForeignTable) -> Guess:
 def _flow(entry: MapEntry, more: str = "") -> str:
     """A column of the map, in one line."""
     recorder = f"recorder: {entry.recorder}, " if entry.recorder is not None else ""
-    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{more}}}"
+    offset = f", offset: {entry.offset:.10g}" if entry.offset != 0.0 else ""
+    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{offset}{more}}}"
 
 
 def _missing(channels: Collection[str]) -> list[str]:
@@ -296,7 +351,9 @@ def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
     for table in tables:
         recorder = None if table is main else table.recorder
         used = {entry.column for entry in main.entries.values() if entry.recorder == recorder}
-        if table is not main:
+        if table is main.vehicle:
+            used = {entry.column for entry in table.entries.values()}
+        elif table is not main:
             used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
         place = "" if table is main else f"{one_line(table.path.name)}: "
         for name, values in table.read.columns.items():

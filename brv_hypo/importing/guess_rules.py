@@ -31,7 +31,8 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     return tuple((axis, *units) for units in (("dps",), ("deg", "s"), ("rad", "s"), ("rps",), ("rpm",)))
 
 
-# Words that stand for a channel, the likelier first; a name must hold all words of one entry.
+# Words that stand for a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
+# must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",)),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
@@ -48,6 +49,9 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "lean": (("lean",), ("tilt",)),
     "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
+    "mass": (("mass",), ("weight",)),
+    "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
+    "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
@@ -187,12 +191,13 @@ def units_of_gravity(reading: float) -> str | None:
 
 @dataclass(frozen=True)
 class MapEntry:
-    """One channel of the map: a column, in `units`."""
+    """One channel of the map, or property of the vehicle: `column + offset`, in `units`."""
 
     column: str
     units: str
     why: str  # the reasons
     unsure: tuple[str, ...] = ()  # the doubts
+    offset: float = 0.0
     recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
 
@@ -202,16 +207,18 @@ class ForeignTable:
 
     path: Path
     read: ColumnTable  # with the units that the table states
-    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel
+    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel, or property of the vehicle
+    joined: dict[str, FloatArray] = field(default_factory=dict)  # columns of other recorders, on this table's clock
     unsure: list[str] = field(default_factory=list)  # doubts about the table as a whole
     rest_s: tuple[float, float] | None = None  # the pad, if there is one
     tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
     align: MapEntry | None = None  # of another recorder: what it sensed of ax
     recorders: list[ForeignTable] = field(default_factory=list)  # of the main table: files with clocks of their own
+    vehicle: ForeignTable | None = None  # of the main table: properties of the vehicle over time
 
     def values(self, channel: str) -> FloatArray:
-        """The column of a channel (n,), as it was read."""
-        return np.asarray(self.read.columns[self.entries[channel].column])
+        """The column of a channel (n,), as it was read, on the clock of this table."""
+        return self.joined[channel] if channel in self.joined else self.read.columns[self.entries[channel].column]
 
     def in_si(self, channel: str) -> FloatArray:
         """The column of a channel (n,), SI."""

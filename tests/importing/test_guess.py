@@ -73,8 +73,8 @@ def test_units_in_a_name_are_checked_against_gravity_and_thrust(tmp_path: Path) 
     guess = guess_map(write_csv(tmp_path / "a.csv", columns))
     assert {channels_of(guess.text)[f"a{axis}"]["units"] for axis in "xyz"} == {"g"}
     assert any("its name says m/s^2," in doubt for doubt in guess.unsure)
-    doubt = next(doubt for doubt in guess.unsure if doubt.startswith("altitude, ax: altitude gains"))
-    assert f"# UNSURE: {doubt}" in guess.text
+    assert channels_of(guess.text)["altitude"]["units"] == "ft"
+    assert any("its name says m, in ft" in doubt for doubt in guess.unsure)
 
 
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
@@ -100,8 +100,9 @@ def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> No
     assert "no column was found for velocity, and none for altitude" in " ".join(guess.unsure)
 
 
-def test_files_of_other_recorders_go_with_the_log(tmp_path: Path) -> None:
-    """A clock that starts elsewhere, an altimeter in feet: one map for both."""
+@pytest.mark.parametrize("named", ["ft", "m"])
+def test_files_of_other_recorders_and_of_the_vehicle_go_with_the_log(tmp_path: Path, named: str) -> None:
+    """A clock that starts elsewhere, an altimeter in feet, masses counted from ignition: one map for all three."""
     unit = rockets.inertial_unit()
     keep = unit["time"] < rockets.PARACHUTE
     unit = {name: values[keep] for name, values in unit.items()}
@@ -116,21 +117,37 @@ def test_files_of_other_recorders_go_with_the_log(tmp_path: Path) -> None:
         },
     )
     second = write_csv(
-        tmp_path / "altimeter.csv", {"met_s": met, "accel_mps2": push, "baro_alt_ft": (altitude - rockets.SITE) / FOOT}
+        tmp_path / "altimeter.csv",
+        {"met_s": met, "accel_mps2": push, f"baro_alt_{named}": (altitude - rockets.SITE) / FOOT},
     )
-    guess = guess_map(log, second)
+    masses = write_csv(
+        tmp_path / "masses.csv",
+        {
+            "time_s": np.arange(0.0, 21.0),
+            "mass_kg": np.full(21, VEHICLE.mass),
+            "ixx_kgm2": np.full(21, VEHICLE.ixx),
+            "pitch_inertia_kgm2": np.full(21, VEHICLE.iyy),
+        },
+    )
+    guess = guess_map(log, second, masses)
     mapping = yaml.safe_load(guess.text)
     assert mapping["channels"]["altitude"]["recorder"] == "altimeter"
+    assert mapping["channels"]["altitude"]["units"] == "ft"
+    assert any(doubt.startswith("altitude: its name says m, in ft") for doubt in guess.unsure) == (named == "m")
     assert mapping["recorders"]["altimeter"]["align"]["column"] == "accel_mps2"
+    assert mapping["channels"]["time"]["offset"] == pytest.approx(-5000.0, abs=0.1)
+    assert {name for name, entry in mapping["vehicle"].items() if "file" in entry} == {"mass", "ixx", "iyy"}
     assert any("site's height above the sea" in doubt for doubt in guess.unsure)
-    assert any(doubt.startswith("no table gives the properties of the vehicle: mass, ixx") for doubt in guess.unsure)
-    for name in mapping["vehicle"]:
-        mapping["vehicle"][name]["value"] = np.asarray(getattr(VEHICLE, name)).tolist()
+    unknown = "reference_length, reference_area, accelerometer_position"
+    assert f"no table gives these properties of the vehicle: {unknown}" in guess.unsure
+    for name in ("reference_length", "reference_area"):
+        mapping["vehicle"][name]["value"] = float(getattr(VEHICLE, name))
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
     flight = bring_in(log, tmp_path / "map.yaml").flight
-    inside = (flight.time > 5006.0) & (flight.time < 5014.0)
-    _, speed, _ = rockets.climb(flight.time[inside] - 5000.0)
+    inside = (flight.time > 6.0) & (flight.time < 14.0)
+    _, speed, _ = rockets.climb(flight.time[inside])
     np.testing.assert_allclose(flight.velocity[inside], speed, atol=5.0)
+    assert flight.vehicle.iyy == pytest.approx(VEHICLE.iyy)
 
 
 def test_a_density_that_is_not_the_earths_puts_the_planet_in_doubt(tmp_path: Path) -> None:
@@ -186,6 +203,11 @@ def test_measured_logs_are_guessed_right() -> None:
         **dict.fromkeys("pqr", "deg/s"),
         **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
     }
+    folder = shared_file("data/launch12/imu.csv").parent
+    whole = yaml.safe_load(guess_map(*(folder / f"{n}.csv" for n in ("imu", "altimeter", "vehicle_history"))).text)
+    assert whole["channels"]["altitude"]["units"] == "ft"
+    assert whole["recorders"]["altimeter"]["align"]["units"] == "g"
+    assert whole["channels"]["time"]["offset"] == pytest.approx(-117853.52, abs=0.01)
     entry = channels_of(guess_map(shared_file("data/opportunity/opportunity_entry.csv")).text)
     assert set(UNITS) & set(entry) == set(entry)
     assert entry["velocity"]["units"] == "m/s"
