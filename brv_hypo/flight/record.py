@@ -387,14 +387,6 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
         cause = f"'{guess[0]}' is meant" if guess else "a channel that format 1 does not have"
         raise refusal(name, "an unknown channel", f"one of {', '.join(CHANNEL_DIMENSIONS)}", cause, "rename or drop it")
     check_shape(name, values, shape)
-    if np.any(np.isinf(values)):
-        raise refusal(
-            name,
-            f"{_count(np.isinf(values))} that are infinite",
-            "finite numbers, or NaN where a sample is missing",
-            "a division by zero or an overflow before the record was written",
-            "write NaN for the samples that are missing",
-        )
     _check_size(name, values)
     if name in CHANNELS and not np.any(np.isfinite(values)):
         raise refusal(
@@ -436,7 +428,7 @@ def _check_size(name: str, values: FloatArray) -> None:
             name,
             f"{_count(beyond)} beyond {largest:g} in SI, up to {np.nanmax(np.abs(values)):.3g}",
             "values that a flight can have",
-            "a fill value, wrong units, or damage",
+            "a fill value, wrong units, an overflow, or damage",
             "write NaN where a sample is missing, and check 'units'",
         )
 

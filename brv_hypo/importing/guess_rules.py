@@ -1,9 +1,8 @@
 """What names and numbers say of a column: which channel it may be, and in what units.
 
 Names: words that stand for a channel, the likelier first; stems and axes of triads; units at the end of a name.
-Numbers: gravity at rest gives the units of accelerometers, slopes of one channel against another those of speed,
-altitude and pressure. `ForeignTable`
-holds the numeric columns of a file and what has been concluded of each, with the reason and the doubts.
+Numbers: the rate gives the units of time, gravity at rest those of accelerometers. `ForeignTable` holds the numeric
+columns of a file and what has been concluded of each, with the reason and the doubts.
 """
 
 from __future__ import annotations
@@ -17,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.plausibility import Tilt
+from brv_hypo.flight.plausibility import GRAVITY, Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.io.binary import ColumnTable
@@ -33,7 +31,8 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     return tuple((axis, *units) for units in (("dps",), ("deg", "s"), ("rad", "s"), ("rps",), ("rpm",)))
 
 
-# Words that stand for a channel, the likelier first; a name must hold all words of one entry.
+# Words that stand for a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
+# must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",)),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
@@ -48,18 +47,15 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),
-    **{f"q{axis}": ((f"q{axis}",), (f"q{k}",)) for k, axis in enumerate("wxyz")},
     "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
+    "mass": (("mass",), ("weight",)),
+    "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
+    "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
-}
-_VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
-    "mass": (("mass",), ("weight",)),
-    "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
-    "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }
 
 
@@ -78,12 +74,6 @@ def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]
         {channel: named[0][1] for channel, named in likeliest.items()},
         {channel: [column for _, column in named[1:]] for channel, named in likeliest.items()},
     )
-
-
-def vehicle_property(column: str) -> str | None:
-    """The property of the vehicle, of those that change in flight, that a name stands for; None for none."""
-    held = set(_words(column))
-    return next((name for name, names in _VEHICLE.items() if any(held.issuperset(each) for each in names)), None)
 
 
 def units_in(column: str, dimension: Dimension | None) -> str | None:
@@ -192,60 +182,21 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
     return stop if stop >= width and np.any(moving) else None
 
 
-def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[tuple[tuple[str, str], ...], bool]:
-    """Pairs of units of a speed (n,) and of the acceleration (n,) that changes it, as their ratio allows; whether the
-    acceleration has the other sign.
-
-    What the accelerometer senses differs from the change of speed by gravity, or a part of it: a constant. Empty where
-    the one does not follow from the other.
-    """
-    gained = cumulative_trapezoid(push, time, initial=0)
-    columns = np.stack([gained, time - time[0], np.ones_like(time)], axis=1)
-    known = np.all(np.isfinite(columns), axis=1) & np.isfinite(speed)
-    found, *_ = np.linalg.lstsq(columns[known], speed[known], rcond=None)
-    left = speed[known] - columns[known] @ found
-    if float(np.std(left)) > 0.1 * float(np.std(speed[known])):
-        return (), False
-    fits = [
-        (abs(np.log(abs(found[0]) * v / a)), v_name, a_name)
-        for v_name, v in sizes("speed").items()
-        for a_name, a in sizes("acceleration").items()
-    ]
-    return tuple((speeds, pushes) for off, speeds, pushes in sorted(fits) if off < WITHIN), bool(found[0] < 0.0)
-
-
-def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray) -> str | None:
-    """Units in which a dynamic pressure is half of density (kg/m^3) times speed (m/s) squared."""
-    made = 0.5 * density * speed**2
-    usable = np.isfinite(made) & (pressure > 0.0)
-    factor = float(np.median(made[usable] / pressure[usable])) if np.any(usable) else 0.0
-    return units_of_factor(factor, "pressure")
-
-
-def slope(x: FloatArray, y: FloatArray) -> float:
-    """Of the straight line of `y` (n,) over `x` (n,), where both are known."""
-    known = np.isfinite(x) & np.isfinite(y)
-    centred = x[known] - np.mean(x[known])
-    return float(centred @ y[known]) / max(float(centred @ centred), 1e-300)
-
-
-def units_of_factor(factor: float, dimension: Dimension, within: float = WITHIN) -> str | None:
-    """The unit of that size in SI, to `within` of its logarithm; None for no such unit."""
-    if not np.isfinite(factor) or factor <= 0.0:
-        return None
-    name, size = min(sizes(dimension).items(), key=lambda item: abs(np.log(factor / item[1])))
-    return name if abs(np.log(factor / size)) < within else None
+def units_of_gravity(reading: float) -> str | None:
+    """The units in which gravity reads so; None where it does in none."""
+    units = {unit: abs(np.log(max(reading, 1e-300) * size / GRAVITY)) for unit, size in sizes("acceleration").items()}
+    best = min(units, key=lambda unit: units[unit])
+    return best if units[best] < WITHIN else None
 
 
 @dataclass(frozen=True)
 class MapEntry:
-    """One channel of the map: `scale * column + offset`, in `units`."""
+    """One channel of the map, or property of the vehicle: `column + offset`, in `units`."""
 
     column: str
     units: str
     why: str  # the reasons
     unsure: tuple[str, ...] = ()  # the doubts
-    scale: float = 1.0
     offset: float = 0.0
     recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
@@ -257,6 +208,7 @@ class ForeignTable:
     path: Path
     read: ColumnTable  # with the units that the table states
     entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel, or property of the vehicle
+    joined: dict[str, FloatArray] = field(default_factory=dict)  # columns of other recorders, on this table's clock
     unsure: list[str] = field(default_factory=list)  # doubts about the table as a whole
     rest_s: tuple[float, float] | None = None  # the pad, if there is one
     tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
@@ -265,25 +217,17 @@ class ForeignTable:
     vehicle: ForeignTable | None = None  # of the main table: properties of the vehicle over time
 
     def values(self, channel: str) -> FloatArray:
-        """The column of a channel (n,), as it was read."""
-        return np.asarray(self.read.columns[self.entries[channel].column])
+        """The column of a channel (n,), as it was read, on the clock of this table."""
+        return self.joined[channel] if channel in self.joined else self.read.columns[self.entries[channel].column]
 
     def in_si(self, channel: str) -> FloatArray:
         """The column of a channel (n,), SI."""
         return to_si(self.values(channel), self.entries[channel].units, CHANNEL_DIMENSIONS[channel], channel)
 
-    def triad(self, channels: Sequence[str]) -> FloatArray:
-        """Three columns (3, n), SI and scaled."""
-        return np.stack([self.entries[name].scale * self.in_si(name) for name in channels])
-
-    def turn(self, channels: Sequence[str], matrix: FloatArray, why: str) -> None:
-        """The entries of a triad exchanged and reversed by a signed permutation (3, 3)."""
-        if set(channels) <= set(self.entries):
-            before = [self.entries[name] for name in channels]
-            for channel, row in zip(channels, matrix, strict=True):
-                place = int(np.argmax(np.abs(row)))
-                self.entries[channel] = replace(before[place], scale=before[place].scale * float(row[place]))
-                self.change(channel, why)
+    @property
+    def axial(self) -> str:
+        """The accelerometer nearest to the nose, as far as that is known."""
+        return ACCELEROMETERS[0 if self.tilt is None else int(np.argmax(np.abs(self.tilt.nose)))]
 
     @property
     def recorder(self) -> str:
@@ -295,9 +239,3 @@ class ForeignTable:
         entry = self.entries[channel]
         doubts = (*entry.unsure, *unsure)
         self.entries[channel] = replace(entry, **{"why": f"{entry.why}; {why}", "unsure": doubts, **changes})
-
-    def sure(self, channel: str, units: str, why: str) -> None:
-        """Units by physics, which stand above those of a name."""
-        before = self.entries[channel]
-        named = () if before.units == units or before.unsure else (f"its name says {before.units}, {why}",)
-        self.change(channel, why, units=units, unsure=named)

@@ -17,7 +17,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
-    beside:                        # further inertial units: compared with the first, and averaged
+    beside:                        # further inertial units, averaged with the first
     - p: {column: gyro2_x, units: deg/s}
     rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
@@ -40,7 +40,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
@@ -70,7 +69,7 @@ from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
-from brv_hypo.importing.rocket_log import ATTITUDE, attitude_of, together
+from brv_hypo.importing.rocket_log import ATTITUDE
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import naming, one_line, refusal
@@ -78,7 +77,6 @@ from brv_hypo.io.text import naming, one_line, refusal
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
-INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
@@ -128,7 +126,6 @@ class ColumnMap(_Entry):
     offset: float = 0.0
     missing: float | None = None  # the value that stands for a missing sample
     recorder: str | None = None  # the recorder of the column; None is the main table
-    increments: bool = False  # of angle or velocity, in their units, since the sample before
 
 
 class Alignment(_Entry):
@@ -165,19 +162,12 @@ class VehicleColumn(_Entry):
 
 def _kind_of(entry: Any) -> str:
     """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
-    named = entry if isinstance(entry, dict) else getattr(entry, "__dict__", {})
-    return "column" if "file" in named or "column" in named else "value"
+    return "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"
 
 
 VehicleEntry = Annotated[
     Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
 ]
-
-
-class Derived(_Entry):
-    """Channels that no instrument gave. `ascent`: speed from the axial accelerometer and the altitude."""
-
-    velocity: Literal["ascent"]
 
 
 class RecordMap(Layout):
@@ -191,7 +181,7 @@ class RecordMap(Layout):
     # From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin.
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
     pad: Span | None = None  # times between which the vehicle is at rest, nose up, s
-    derive: Derived | None = None
+    derive: dict[Literal["velocity"], Literal["ascent"]] = Field({})  # from ax and altitude, on a steep climb
     window: PhaseName | Span | None = None  # what is kept: a phase that is found, or times in s
     rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None  # Hz; "auto" is what the motion needs
     planet: str = "earth"
@@ -242,25 +232,35 @@ def read_map(path: str | Path) -> RecordMap:
 
 
 def vehicle_of(
-    mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None = None
+    mapping: RecordMap, raw: Mapping[str | None, ColumnTable], window: tuple[float, float]
 ) -> tuple[Vehicle, float, list[str]]:
     """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
 
-    `zero` is that of dates. A property that a table gives is its mean over the window. Raises UsageError where a table
-    holds nothing in it, FlightRecordError for what no vehicle has.
+    `raw` has the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError
+    for what no vehicle has.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []
     for name, entry in mapping.vehicle.items():
-        if isinstance(entry, VehicleColumn):
-            values[name], change = _from_table(name, entry, folders, window, zero)
-            changes = max(changes, 0.0 if name == "mass" else change)
-            steady = change <= STEADY_PROPERTY
-            change_note = "" if steady else f", which changes by ±{100.0 * change:.2g} % in the window"
-            notes.append(f"vehicle/{name} {values[name]:.5g} from {entry.file}{change_note}")
-        else:
-            size = to_si(np.asarray(entry.value), entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
-            values[name] = size.tolist()
+        place = f"vehicle/{name}"
+        if isinstance(entry, VehicleValue):
+            values[name] = to_si(entry.value, entry.units, VEHICLE_DIMENSIONS[name], place).tolist()
+            continue
+        table = raw[place]
+        clock = _with_units(entry.time, table, "time", f"{place}/time")
+        time = _channel(table.columns[clock.column], clock, "time", f"{place}/time")
+        held = to_si(table.columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], place)
+        held = held[(time >= window[0]) & (time <= window[1]) & np.isfinite(held)]
+        if not held.size:
+            raise UsageError(
+                f"{place}: {entry.file} has no value of {entry.column} from {window[0]:.3g} to {window[1]:.3g} s. "
+                "Likely cause: another zero of time. Remedy: correct the offset of its time, or give a value."
+            )
+        values[name] = float(np.mean(held))
+        change = 0.5 * float(np.ptp(held)) / (abs(values[name]) or 1.0)
+        changes = max(changes, 0.0 if name == "mass" else change)
+        said = f", which changes by ±{100.0 * change:.2g} % in the window" if change > STEADY_PROPERTY else ""
+        notes.append(f"{place} {values[name]:.5g} from {entry.file}{said}")
     return checked_vehicle(values), changes, notes
 
 
@@ -289,27 +289,6 @@ def instruments_of(
         shown |= {"dynamic_pressure_scale": pressure}
     stated = {key: value for key, value in mapping.instruments.items() if key != "grade"}
     return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
-
-
-def _from_table(
-    name: str, entry: VehicleColumn, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None
-) -> tuple[float, float]:
-    """Mean of a property over the window, SI, and half its relative range."""
-    path = found_file(entry.file, folders)
-    table = read_columns(path, (entry.time.column, entry.column), zero=zero)
-    columns, clock = table.columns, _with_units(entry.time, table, "time", f"vehicle/{name}/time")
-    time = _channel(columns[clock.column], clock, "time", f"vehicle/{name}/time")
-    values = to_si(columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
-    known = np.isfinite(time) & np.isfinite(values)
-    time, values = time[known], values[known]
-    inside = values[(time >= window[0]) & (time <= window[1])]
-    if not inside.size:
-        raise UsageError(
-            f"vehicle/{name}: {path} has no value of {entry.column} from {window[0]:.3g} to {window[1]:.3g} s. "
-            "Likely cause: another zero of time. Remedy: correct the offset of its time, or give a value."
-        )
-    mean = float(np.mean(inside))
-    return mean, 0.5 * float(np.ptp(inside)) / abs(mean) if mean else 0.0
 
 
 # ---- The flight that is made of a foreign record ----
@@ -348,51 +327,44 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
         table = raw[name] = read_columns(path, columns, recorder or mapping, zero)
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
-            mapping.channels[key] = _with_units(entry, table, _dimension(key, entry), f"channels/{key}")
+            mapping.channels[key] = _with_units(entry, table, _dimension(key), f"channels/{key}")
         if recorder is not None:
             recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
         clock = recorder.time if recorder is not None else mapping.channels["time"]
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
         notes += table.notes
+    for name, held in mapping.vehicle.items():
+        if isinstance(held, VehicleColumn):
+            path = found_file(held.file, folders)
+            raw[f"vehicle/{name}"] = read_columns(path, (held.time.column, held.column), zero=zero)
     with naming(source):
-        record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
+        record, faults, phases = _record(raw, mapping, source, notes)
     flight = assemble(record)
     return Imported(replace(flight, faults=(*faults, *flight.faults)), phases)
 
 
 def _record(
-    raw: Mapping[str | None, ColumnTable],
-    mapping: RecordMap,
-    source: Path,
-    folders: tuple[Path, ...],
-    zero: np.datetime64 | None,
-    notes: list[str],
+    raw: Mapping[str | None, ColumnTable], mapping: RecordMap, source: Path, notes: list[str]
 ) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
     """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
     time, channels, clock_notes = _on_one_clock(raw, mapping)
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
-    attitude = attitude_of(time, channels, float(time[0]) if mapping.pad is None else mapping.pad[1])
+    lean = channels.pop("lean", None)
     further = [{n: channels.pop(f"{n}{OF_UNIT}{k}") for n in unit} for k, unit in enumerate(mapping.beside, 2)]
     tilt = _nose(time, channels, mapping)
-    matrix = np.eye(3)
     if mapping.rotation is not None:
-        matrix = _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        _turn(mapping.rotation, tilt, channels, tolerances, notes)
         tilt = _nose(time, channels, mapping)
     turned = mounting_fault(time, tilt)
     contradicted = (*turned, *contradictions(time, channels))
     if tilt is not None and not turned:
         contradicted += gyro_fault(time, *_triads(channels))
-    if attitude is not None:
-        contradicted += attitude.faults
     if further:
-        stated = instruments_of(mapping, {}, 0.0, channels, None)
-        channels, larger, unit_notes, differing = together(time, channels, further, stated)
-        tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
+        channels, unit_notes = rocket_log.together(channels, further)
         notes += unit_notes
-        contradicted += (*differing,)
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
@@ -401,12 +373,11 @@ def _record(
         channels, rest, biases, pad_notes = rocket_log.take_out_biases(time, channels, mapping.pad, sigma_known)
         tolerances |= biases
         notes += pad_notes
-    if mapping.derive is not None:
+    if mapping.derive:
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        leans = attitude.leans(time, matrix, None if rest is None else rest.up) if attitude is not None else None
-        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, leans)
+        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, lean)
         speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
@@ -423,7 +394,7 @@ def _record(
         rate = rocket_log.needed_rate(time[flown[0] : flown[-1] + 1], motion)
     reach = 0.0 if rate is None else rocket_log.DECIMATED_REACH / rate  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
-    vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
+    vehicle, inertia, vehicle_notes = vehicle_of(mapping, raw, window)
     notes += vehicle_notes
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
@@ -470,11 +441,8 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
     return rates, forces
 
 
-def _turn(
-    rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]
-) -> FloatArray:
-    """Gyros and accelerometers turned in `channels` by the matrix that is returned, (3, 3); the error of an estimate
-    added to `tolerances`, and a note.
+def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
+    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
 
     Raises UsageError where nothing shows the nose.
     """
@@ -492,19 +460,16 @@ def _turn(
             f"rotation found from {tilt.by}: the nose lay "
             f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
         )
-    return np.asarray(matrix)
 
 
 def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
     """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
-        name: _channel(raw[None].columns[entry.column], entry, _dimension(name, entry), name)
+        name: _channel(raw[None].columns[entry.column], entry, _dimension(name), name)
         for name, entry in mapping.channels.items()
         if entry.recorder is None
     }
     time = channels.pop("time")
-    for name in channels:
-        channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
     steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
@@ -527,8 +492,7 @@ def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> 
             )
         for channel, entry in mapping.channels.items():
             if entry.recorder == name:
-                values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
-                values = _rate(clock, values) if entry.increments else values
+                values = _channel(columns[entry.column], entry, _dimension(channel), channel)
                 known = np.isfinite(values) & np.isfinite(clock)
                 steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
@@ -547,12 +511,9 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
     return to_si(entry.scale * known + entry.offset, entry.units or "", dimension, name)
 
 
-def _dimension(name: str, entry: ColumnMap) -> Dimension:
-    """Of what a channel's column holds. Raises UsageError for increments of what has none."""
-    dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
-    if entry.increments and dimension not in INTEGRATED:
-        raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
-    return INTEGRATED[dimension] if entry.increments else dimension
+def _dimension(name: str) -> Dimension:
+    """Of a channel, whichever unit's."""
+    return {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
 
 
 def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, place: str) -> ColumnMap:
@@ -565,18 +526,6 @@ def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, plac
             f"{dimension}, such as {EXAMPLES[dimension]}."
         )
     return entry.model_copy(update={"units": units})
-
-
-def _rate(time: FloatArray, increments: FloatArray) -> FloatArray:
-    """The rate (n,) whose integral grows by `increments` (n,) up to each sample; NaN where one is missing."""
-    check_time(time)
-    steps = np.diff(time, prepend=2.0 * time[0] - time[1])
-    known = np.isfinite(increments)
-    if known.sum() < 2:
-        return np.full_like(time, np.nan)
-    grown = np.cumsum(np.interp(time, time[known], (increments / steps)[known]) * steps)
-    whole = CubicSpline(np.insert(time, 0, time[0] - steps[0]), np.insert(grown, 0, 0.0))
-    return np.where(known, whole.derivative()(time), np.nan)
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:

@@ -1,10 +1,6 @@
 """What a raw rocket log needs before it is a record: one clock, one inertial unit, no biases, a speed, a lower rate.
 
-Attitude that the recorder found (`attitude_of`): an angle of the nose from the vertical, or a quaternion, scalar first.
-Whether a quaternion turns body axes to the ground's or back shows by the gyros, which it must follow; its ground is
-that of the pad.
-Further units (`together`): brought to the axes of the first, compared with it by least squares as a check of the stated
-tolerances, and averaged.
+Further units (`together`): brought to the axes of the first, and averaged.
 Two clocks (`clock_offset`): the offset at which the correlation of what both recorders sensed is largest.
 Biases from the pad (`take_out_biases`): a gyro at rest reads its bias (the turning of the Earth, 0.004 deg/s, is
 below most). An accelerometer at rest reads gravity: along the nose, up to the rail's unknown lean, that gives the
@@ -19,7 +15,7 @@ Lower rate (`decimated`): a linear-phase low-pass, then the rate that the motion
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +23,6 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import despiked, mask_faults
@@ -35,15 +30,10 @@ from brv_hypo.flight.clock import MAD_TO_SIGMA, TIMES_NOISE, joined, less_trend,
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
 from brv_hypo.flight.plausibility import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels, Record, RecordFault
-from brv_hypo.flight.tolerances import Instruments
 from brv_hypo.flight.units import Dimension
 
-QUATERNION = ("qw", "qx", "qy", "qz")
-ATTITUDE: Mapping[str, Dimension] = {"lean": "angle", **dict.fromkeys(QUATERNION, "dimensionless")}
-NORM_WITHIN = 0.1  # of 1: beyond, a quaternion lies between two of opposite sign, or is missing
-TURNED_OVER = 0.05  # s over which quaternions and gyros turn, compared
+ATTITUDE: Mapping[str, Dimension] = {"lean": "angle"}  # of the nose from the vertical, as the log has it
 SAME_AXES = np.radians(5.0)  # rad between the gyros of two units, below which the difference is misalignment
-UNITS_BLOCK = 0.1  # s of the means by which units are compared: vibration is no difference
 CLOCK_STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried
 CLOCK_LEAST_OVERLAP = 0.3  # of the shorter record
 CLOCK_LEAST_CORRELATION = 0.8  # of what both recorders sensed, below which no offset is believed
@@ -86,89 +76,20 @@ DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples t
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
 
 
-# ---- What a log holds beside its channels: an attitude, and further inertial units ----
+# ---- Further inertial units, one clock, and the biases that a rest shows ----
 
 
-@dataclass(frozen=True)
-class Attitude:
-    """Turns (n) of the unit since it was at rest, or the lean (n,) rad alone, NaN where unknown."""
-
-    turns: Rotation | None
-    known: FloatArray  # samples (m,) at which the turns are known
-    lean: FloatArray | None
-    faults: tuple[RecordFault, ...] = ()
-
-    def leans(self, time: FloatArray, matrix: FloatArray, up: FloatArray | None) -> FloatArray | None:
-        """Lean (n,) rad of the nose, x of `matrix` (3, 3) times the unit's axes; `up` (3,) at rest."""
-        if self.turns is None or up is None:
-            return self.lean
-        leans = np.arccos(np.clip(self.turns.apply(matrix.T @ up) @ matrix[0], -1.0, 1.0))
-        return np.asarray(np.interp(time, time[self.known], leans))
-
-
-def attitude_of(time: FloatArray, channels: Channels, still_s: float) -> Attitude | None:
-    """The attitude of a log, taken out of `channels` (n,), SI, whose gyros it is checked against.
-
-    The vehicle is at rest up to `still_s`. None where the log has none.
-    """
-    found = {name: channels.pop(name) for name in ATTITUDE if name in channels}
-    lean, known = found.get("lean"), np.array([], dtype=int)
-    if {*QUATERNION} <= {*found}:
-        quaternion = np.stack([found[name] for name in QUATERNION])
-        known = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=0) - 1.0) < NORM_WITHIN)
-    if known.size < limits.MINIMUM_SAMPLES or not {*GYROS} <= {*channels}:
-        return None if lean is None else Attitude(None, known, lean)
-    turns, at = Rotation.from_quat(quaternion[[1, 2, 3, 0]][:, known].T), time[known]
-    every = max(1, round(TURNED_OVER / float(np.median(np.diff(time)))))
-    gyros = np.stack([uniform_filter1d(joined(channels[name]), every)[known][every // 2 :: every] for name in GYROS])
-    steps = np.diff(at[::every])
-    both = [turns[::every], turns[::every].inv()]  # to the ground, or from it
-    rates = [(each[:-1].inv() * each[1:]).as_rotvec().T / steps for each in both]
-    gyros = gyros[:, : steps.size]
-    shares = [float(np.sum((each - gyros) ** 2)) / max(float(np.sum(gyros**2)), 1e-12) for each in rates]
-    best = int(np.argmin(shares))
-    faults = tuple[RecordFault, ...]()
-    if shares[best] > limits.ATTITUDE_FOLLOWS:
-        turned, read = (np.degrees(np.sqrt(np.mean(np.sum(each**2, axis=0)))) for each in (rates[best], gyros))
-        words = (
-            f"the log's attitude turns at {turned:.3g} deg/s and the gyros at {read:.3g} deg/s (rms), "
-            f"{100.0 * shares[best]:.0f} % of which it does not follow: axes, signs or units of the gyros, or order "
-            "of the quaternion; correct the map"
-        )
-        faults = (RecordFault.over(at, "p, q, r", "attitude", words),)
-    ground = turns if best == 0 else turns.inv()
-    first = ground[: max(int(np.searchsorted(at, still_s)), 1)].mean()
-    return Attitude(ground.inv() * first, known, lean, faults)
-
-
-def together(
-    time: FloatArray, first: Channels, further: Sequence[Channels], stated: Instruments
-) -> tuple[Channels, dict[str, float], list[str], list[RecordFault]]:
-    """Means of the channels (n,), SI, over all units; half of what these differ by where `stated` errors allow less.
-
-    Also a note for each further unit, and faults of those that differ by more than is stated.
-    """
-    larger, notes, faults = dict[str, float](), list[str](), list[RecordFault]()
+def together(first: Channels, further: Sequence[Channels]) -> tuple[Channels, list[str]]:
+    """Means of the inertial channels (n,), SI, over all units, and a note on what each further one differs by."""
     units = [first, *(_in_axes_of(first, unit) for unit in further)]
-    for number, unit in enumerate(units[1:], 2):
-        worst = (0.0, "")
-        elsewhere = unit is not further[number - 2]  # turned by an estimate, which says nothing of misalignment
-        for key, size, sigma in _differences(time, first, unit) if {*GYROS} <= {*first} else ():
-            if elsewhere and key.endswith("misalignment"):
-                continue
-            allowed = float(np.sqrt(2.0)) * max(getattr(stated, key))
-            ratio = size / float(np.hypot(allowed, sigma))
-            words = f"units {number} and 1 differ by {size:.3g} (SI) in {key}, stated {allowed:.3g}"
-            worst = max(worst, (ratio, words))
-            if ratio > limits.UNITS_DIFFER and 0.5 * size > larger.get(key, 0.0):
-                larger[key] = 0.5 * size
-                words += ": half of that is taken; check their units, or state larger tolerances"
-                channels = "p, q, r" if key.startswith("gyro") else "ax, ay, az"
-                faults.append(RecordFault.over(time, channels, "tolerance", words))
-        notes += [f"{worst[1]}: the most, in stated errors"] if worst[1] else []
     several = {name: [unit[name] for unit in units if name in unit] for name in INERTIAL_CHANNELS if name in first}
     mean = {name: np.ma.masked_invalid(np.stack(each)).mean(axis=0).filled(np.nan) for name, each in several.items()}
-    return first | mean, larger, notes, faults
+    notes = []
+    for number, unit in enumerate(units[1:], 2):
+        off = {name: float(np.sqrt(np.nanmean((unit[name] - first[name]) ** 2))) for name in mean if name in unit}
+        said = ", ".join(f"{name} {size:.2g}" for name, size in off.items())
+        notes.append(f"units {number} and 1 differ by {said} (rms, SI): averaged")
+    return first | mean, notes
 
 
 def _in_axes_of(first: Channels, unit: Channels) -> Channels:
@@ -186,41 +107,6 @@ def _in_axes_of(first: Channels, unit: Channels) -> Channels:
     return unit | {
         name: row for names, rows in zip(triads, turned, strict=True) for name, row in zip(names, rows, strict=True)
     }
-
-
-def _differences(time: FloatArray, first: Channels, unit: Channels) -> Iterator[tuple[str, float, float]]:
-    """Differences of bias, scale and misalignment of each axis, and their standard errors, by tolerance."""
-    edges = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], UNITS_BLOCK)))[:-1]
-    counts = np.diff(edges, append=time.size)
-    one, other = (
-        {name: np.add.reduceat(joined(each[name]), edges) / counts for name in INERTIAL_CHANNELS if name in each}
-        for each in (first, unit)
-    )
-    # Of the mean of both the noise is no more the one's than the other's: it bends no slope.
-    mean = {name: 0.5 * (one[name] + other[name]) if name in other else one[name] for name in one}
-    p, q, r = (mean[name] for name in GYROS)
-    dp, dq, dr = (np.gradient(each, time[edges]) for each in (p, q, r))
-    swings = {  # accelerometers lie apart, by an arm that is open
-        "ax": (-(q**2 + r**2), p * q - dr, p * r + dq),
-        "ay": (p * q + dr, -(p**2 + r**2), q * r - dp),
-        "az": (p * r - dq, q * r + dp, -(p**2 + q**2)),
-    }
-    for kind, triad in (("gyro", GYROS), ("accel", ACCELEROMETERS)):
-        for axis in (name for name in triad if {*triad} <= {*one} and name in other):
-            table = np.stack([np.ones_like(p), *(mean[name] for name in triad), *swings.get(axis, ())], axis=1)
-            apart, each = other[axis] - one[axis], joined(unit[axis]) - joined(first[axis])
-            noise = np.sqrt(np.add.reduceat(each**2, edges) / counts - apart**2)  # a motor shakes, a coast does not
-            weights = 1.0 / np.maximum(noise, np.median(noise))
-            table, apart = table * weights[:, None], apart * weights
-            inverse = np.linalg.pinv(table.T @ table)
-            answer = inverse @ (table.T @ apart)
-            spread = float(np.sum((apart - table @ answer) ** 2)) / max(apart.size - answer.size, 1)
-            keys = ("bias", *("scale" if name == axis else "misalignment" for name in triad))
-            for key, size, variance in zip(keys, answer[:4], np.diag(inverse)[:4], strict=True):
-                yield f"{kind}_{key}", abs(float(size)), float(np.sqrt(variance * spread))
-
-
-# ---- One clock, and the biases that a rest shows ----
 
 
 def clock_offset(
@@ -282,7 +168,6 @@ class Rest:
     lean: float
     lean_sigma: float
     leans: FloatArray | None  # of the nose (n,) rad at the record's samples, from the gyros after the pad
-    up: FloatArray | None = None  # up on the pad in body axes, (3,)
 
 
 def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:
@@ -324,7 +209,7 @@ def take_out_biases(
     biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
     lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
     rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
-    rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm), reads / norm)
+    rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))
     notes = [
         f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2",
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "

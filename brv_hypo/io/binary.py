@@ -93,13 +93,7 @@ def _read_group(group: Any, place: str, only: Selection, budget: Budget, whole: 
         below = whole or any(key == inner or key.startswith(f"{inner}/") for key in only)
         is_link = not isinstance(group.get(name, getlink=True), h5py.HardLink)
         if name in names and is_link:
-            raise refused(
-                f"dataset '{inner}'",
-                "a link to another place",
-                "the dataset itself",
-                "a file that collects others",
-                "copy what it links to into the file (`h5repack` or `h5copy`)",
-            )
+            raise _elsewhere(f"dataset '{inner}'")
         if is_link or not (name in names or below) or name.startswith("#"):  # where MATLAB keeps what it refers to
             continue
         item = group[name]
@@ -109,6 +103,11 @@ def _read_group(group: Any, place: str, only: Selection, budget: Budget, whole: 
             datasets[name] = _read_dataset(item, f"dataset '{inner}'", budget)
     unread = tuple(name for name in group if name not in datasets and name not in groups)
     return Tree({name: _plain(value) for name, value in group.attrs.items()}, datasets, groups, unread)
+
+
+def _elsewhere(place: str) -> FlightRecordError:
+    cause, remedy = "a file that collects others", "copy the values into one file (`h5repack` or `h5copy`)"
+    return refused(place, "a link, or values in other files", "values in the place itself", cause, remedy)
 
 
 def _is_numeric(item: Any) -> bool:
@@ -126,13 +125,7 @@ def _read_dataset(item: Any, place: str, budget: Budget) -> Dataset:
             "write it as floating-point numbers",
         )
     if item.is_virtual or item.external:
-        raise refused(
-            place,
-            "values that lie in other files",
-            "values in the file itself",
-            "a file that collects others",
-            "copy the values into one file (`h5repack`)",
-        )
+        raise _elsewhere(place)
     if item.chunks is not None:
         budget.check(math.prod(item.chunks) * item.dtype.itemsize, place)
     budget.take(item.size * item.dtype.itemsize, place)
@@ -223,23 +216,22 @@ def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTa
         budget.take(8 * max(file.metadata.num_rows, 0), f"dataset '{name}'")
         column = file.read(columns=[name], use_threads=False).column(0)
         kind = column.type.value_type if types.is_dictionary(column.type) else column.type
-        numeric = (types.is_integer, types.is_floating, types.is_decimal, types.is_boolean)
+        column = column.cast(kind)
         if types.is_timestamp(kind):  # UTC, whatever the zone
-            columns[name] = np.asarray(column.cast(kind).cast(pa.int64()).to_numpy(), "i8").view(f"M8[{kind.unit}]")
-            continue
-        if types.is_string(kind) or types.is_large_string(kind):
+            columns[name] = np.asarray(column.cast(pa.int64()).to_numpy(), "i8").view(f"M8[{kind.unit}]")
+        elif types.is_string(kind) or types.is_large_string(kind):
             budget.take(8 * column.nbytes, f"dataset '{name}'")
-            columns[name] = np.array(column.cast(kind).to_pylist(), dtype=np.str_)
-            continue
-        if types.is_duration(kind) or types.is_time(kind):
+            columns[name] = np.array(column.to_pylist(), dtype=np.str_)
+        elif types.is_duration(kind) or types.is_time(kind):
             stamps.append(name)
-            counts = column.cast(kind).cast(pa.int32() if types.is_time32(kind) else pa.int64())
+            counts = column.cast(pa.int32() if types.is_time32(kind) else pa.int64())
             columns[name] = counts.to_numpy() / (np.timedelta64(1, "s") / np.timedelta64(1, kind.unit))
-            continue
-        if not any(is_kind(kind) for is_kind in numeric):
-            raise _not_numbers(name, str(column.type))
-        values = column.cast(kind).cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        columns[name] = np.asarray(values, dtype=np.float64)
+        else:
+            try:
+                values = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+            except pa.ArrowException:
+                raise _not_numbers(name, str(column.type)) from None
+            columns[name] = np.asarray(values, dtype=np.float64)
     return ColumnTable(columns, available[:MOST_COLUMNS], stamps=tuple(stamps))
 
 

@@ -122,7 +122,7 @@ MALFORMED = [
     *[(name, "shape (3,)", {"channels": {**motion(), name: np.ones(3)}}) for name in ONE_PER_CHANNEL],
     *[(name, "shape (400, 2)", {"channels": {**motion(), name: np.ones((400, 2))}}) for name in ONE_PER_CHANNEL],
     *[(name, "type", {"channels": {**motion(), name: [b"text"] * 400}}) for name in ONE_PER_CHANNEL],
-    *[(name, "infinite", {"channels": altered(name, 7, np.inf)}) for name in CHANNELS],
+    *[(name, "up to inf", {"channels": altered(name, 7, np.inf)}) for name in CHANNELS],
     *[(name, "NaN at every", {"channels": altered(name, slice(None), np.nan)}) for name in CHANNELS],
     *[(name, "below 0", {"channels": altered(name, 7, -1.0)}) for name in ("velocity", "dynamic_pressure")],
     *[(name, "beyond", {"channels": altered(name, 7, 1e300)}) for name in ONE_PER_CHANNEL],

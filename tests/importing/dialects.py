@@ -19,7 +19,6 @@ import h5py
 import numpy as np
 import pandas as pd
 import scipy.io
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.importing.formats import Layout, read_columns
@@ -80,13 +79,6 @@ def two(first: str, second: str, **how: Any) -> Table:
     return csv(row="{},unit", change=lambda lines: [
         each for line in lines for each in (f"{line},{first}", f"{line.split(',')[0]}{',0.5' * 8},{second}")
     ], **how)  # fmt: skip
-
-
-def increments(path: Path) -> object:
-    """Angles turned since the sample before, in degrees."""
-    turned = {name: CubicSpline(TRUTH["time"], TRUTH[name]).antiderivative() for name in "pqr"}
-    steps = {name: np.degrees(angle(TRUTH["time"]) - angle(TRUTH["time"] - 0.01)) for name, angle in turned.items()}
-    return pd.DataFrame({**TRUTH, **steps}).to_csv(path, index=False)
 
 
 def mat(content: Any, prefix: str = "", numbered: bool = False, **keys: Any) -> Table:
@@ -153,13 +145,11 @@ DIALECTS = {
     "text beside values": csv(row="{},state", change=lambda lines: [f"{line},coast" for line in lines]),
     "two units by a number": two("1", "2", keys={"where": {"unit": 1}}),
     "two units by a name": two("left", "right", keys={"where": {"unit": "left"}}),
-    "increments of angle": Table(increments, channel={name: {"units": "deg", "increments": True} for name in "pqr"}),
     "parquet, dates": parquet(STAMPS),
     "parquet, dates with a zone": parquet(STAMPS.tz_convert("Europe/Berlin")),
     "parquet, durations": parquet(pd.to_timedelta(TRUTH["time"], unit="s")),
     "MATLAB matrix": mat({"log": MATRIX}, "log.", numbered=True),
     "MATLAB matrix, lying": mat({"log": MATRIX.T, "note": "lying"}, "log.", numbered=True),
-    "MATLAB matrix, names in the map": mat({"log": MATRIX}, names=NAMES),
     "MATLAB array of structs": mat({"log": STRUCTS}, "log."),
     "MATLAB struct with a matrix": mat({"log": {"data": MATRIX}}, "log.data.", numbered=True),
     "MATLAB 7.3, matrix": mat(lambda file: file.update({"log": MATRIX.T}), "log.", numbered=True),

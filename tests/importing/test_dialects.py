@@ -34,8 +34,7 @@ def test_a_table_of_any_dialect_comes_in_as_the_truth(tmp_path: Path, dialect: s
     flight = brought_in(DIALECTS[dialect], tmp_path)
     np.testing.assert_allclose(flight.time - flight.time[0], TRUTH["time"], atol=1e-6)
     for name in [*TRUTH][1:]:
-        rough = 3e-3 if "increments" in dialect and name in "pqr" else 1e-6
-        np.testing.assert_allclose(getattr(flight, name), TRUTH[name], rtol=1e-8, atol=rough, err_msg=name)
+        np.testing.assert_allclose(getattr(flight, name), TRUTH[name], rtol=1e-8, atol=1e-6, err_msg=name)
 
 
 @pytest.mark.parametrize("says", REFUSED)

@@ -80,7 +80,7 @@ def wrong(guess: Guess, columns: dict[str, Any], log: Log) -> list[str]:
 
 def is_unsure(guess: Guess, what: str) -> bool:
     """Whether a guess doubts what it has of nose, rates or altitude."""
-    words = {"nose": ("ax:", "axes", "rest"), "rates": ("p:", "gyros"), "altitude": ("altitude:",)}[what]
+    words = {"nose": ("ax:", "axes", "rest"), "rates": ("p:", "gyros"), "altitude": ("altitude",)}[what]
     return any(word in doubt for doubt in guess.unsure for word in words)
 
 

@@ -46,7 +46,7 @@ class Layout(BaseModel):
     encoding: str | None = None
     delimiter: str | None = Field(default=None, min_length=1, max_length=1)  # a blank is any number of blanks
     decimal: str | None = Field(default=None, pattern="^[.,]$")
-    names: tuple[str, ...] = ()  # of the columns of a table, or a MATLAB matrix, that has none
+    names: tuple[str, ...] = ()  # of the columns of a table that has none
     widths: tuple[int, ...] = ()  # characters of each column, where nothing is between them
     dates: str | None = None  # as of strptime, such as "%d/%m/%y %I:%M:%S %p"
     where: dict[str, str | float] = {}  # columns and their values in the rows to keep: one of several sensors

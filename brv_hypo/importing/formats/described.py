@@ -85,19 +85,15 @@ MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
 
 
 def _is_pds3(path: Path, head: str) -> bool:
-    return "PDS_VERSION_ID" in head[:2000] or (
-        path.suffix.lower() == ".tab" and _beside(path, f"{path.stem}.lbl") is not None
-    )
+    return "PDS_VERSION_ID" in head[:2000] or _label_of(path) != path
 
 
 def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    label = (_beside(path, f"{path.stem}.lbl") if path.suffix.lower() == ".tab" else None) or path
+    label = _label_of(path)
     with label.open("rb") as stream:
         text = stream.read(LONGEST_LABEL).decode("latin-1")
-    columns_of = re.findall(r"OBJECT\s*=\s*COLUMN\b(.*?)END_OBJECT", text, re.DOTALL)
-    columns = [
-        {key: value.strip().strip('"').strip() for key, value in STATEMENT.findall(block)} for block in columns_of
-    ]
+    blocks = map(STATEMENT.findall, re.findall(r"OBJECT\s*=\s*COLUMN\b(.*?)END_OBJECT", text, re.DOTALL))
+    columns = [{key: value.strip().strip('"').strip() for key, value in block} for block in blocks]
     place = re.search(r"^[ \t]*\^\w*TABLE[ \t]*=[ \t]*\(?(?:\"([^\"]+)\")?[ ,]*(\d+)?", text, re.MULTILINE)
     table = _beside(label, place[1]) if place and place[1] else label
     try:
@@ -109,18 +105,21 @@ def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTabl
             raise ValueError("no table of characters" if columns else "no columns")
     except (KeyError, ValueError, IndexError) as error:
         cause = "a binary table, columns in a file of their own (^STRUCTURE), or a table that is not beside its label"
-        found_error = f"a label with an error: {error}"
-        raise refused(str(label), found_error, "a table of characters", cause, "convert it to csv") from error
+        found = f"a label with an error: {error}"
+        raise refused(str(label), found, "a table of characters", cause, "convert it to csv") from error
     check_regular(table, "the table of a label", FlightRecordError)
     kinds = tuple("date" if "TIME" in each.get("DATA_TYPE", "") else "number" for each in columns)
     units = {each["NAME"]: UNITS.get(each["UNIT"].upper(), each["UNIT"]) for each in columns if "UNIT" in each}
     end = re.search(r"^\s*END\s*$", text, re.MULTILINE)
     first = text[: end.end()].count("\n") + 1 if table == label and end else int(place[2] or 1) - 1 if place else 0
-    found = read_text(table, names, layout, Dialect("latin-1", "", ".", own_names, kinds, first, units, spans))
-    values = dict(found.columns)
-    for name in (name for name in values if lost[name]):
-        values[name] = np.where(np.isin(values[name], lost[name]), np.nan, values[name])
-    return replace(found, columns=values)
+    read = read_text(table, names, layout, Dialect("latin-1", "", ".", own_names, kinds, first, units, spans))
+    known = {n: np.where(np.isin(each, lost[n]), np.nan, each) for n, each in read.columns.items() if lost[n]}
+    return replace(read, columns={**read.columns, **known})
+
+
+def _label_of(path: Path) -> Path:
+    """The label beside a table; else the file itself."""
+    return (_beside(path, f"{path.stem}.lbl") if path.suffix.lower() == ".tab" else None) or path
 
 
 def _beside(path: Path, name: str) -> Path | None:

@@ -5,15 +5,14 @@ cats   CATS Vega, .cfl: text to the first zero, then records of a stamp in ms, a
 px4    PX4, .ulg, by pyulog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html): the topics of TOPICS
 
 A log's messages of several sensors, each with stamps of its own, make one table: it has the stamps of the first
-inertial unit; other values lie on straight lines between theirs. Columns are called as channels, or `qw` to `qz` of the
-attitude's quaternion; those of a further unit end in `_2`.
+inertial unit; other values lie on straight lines between theirs. Columns are called as channels; those of a further
+unit end in `_2`.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import missing_package
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS
-from brv_hypo.importing.formats import Layout, TableFormat, check_columns
-from brv_hypo.importing.rocket_log import QUATERNION
+from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.sandbox import Budget, read_in_sandbox
 from brv_hypo.io.text import refused
@@ -36,19 +34,6 @@ def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnT
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
-def _read_mat(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    """A matrix of as many columns as the map has `names` gets these."""
-    given: dict[str, str] = {}
-    if layout.names:
-        known, count = read_in_sandbox("MATLAB", mat_table, path, ()).names, len(layout.names)
-        matrix = next((each[: -len(str(count))] for each in known if each.endswith(f".{count}")), "")
-        check_columns((f"{matrix or 'matrix.'}{count}",), known, path)
-        given = {name: f"{matrix}{k}" for k, name in enumerate(layout.names, 1)}
-    table = read_in_sandbox("MATLAB", mat_table, path, tuple(given.get(name, name) for name in names))
-    columns = {name: each for name in names if (each := table.columns.get(given.get(name, name))) is not None}
-    return replace(table, columns=columns, names=(*given, *table.names))
-
-
 # ---- Logs of flight computers ----
 
 
@@ -58,7 +43,6 @@ RECORDS: Mapping[int, tuple[tuple[str, ...], FloatArray, str]] = {
     0x10: ((*ACCELEROMETERS, *GYROS), np.array([1 / 1024] * 3 + [1 / 14.28] * 3), "<i2"),
     0x20: (("pressure", "temperature"), np.array([1.0, 0.01]), "<u4"),
     0x40: (("altitude", "velocity", "acceleration"), np.ones(3), "<f4"),
-    0x80: (QUATERNION, np.full(4, 1e-3), "<i2"),
 }
 SIZES = {0x10: 12, 0x20: 8, 0x40: 12, 0x80: 8, 0x100: 8, 0x200: 4, 0x400: 8, 0x800: 4, 0x1000: 9, 0x2000: 2}  # bytes
 OF_CATS = UNITS | dict.fromkeys(ACCELEROMETERS, "g") | dict.fromkeys(GYROS, "deg/s")
@@ -66,7 +50,6 @@ OF_PX4 = UNITS | dict.fromkeys(ACCELEROMETERS, "m/s^2") | dict.fromkeys(GYROS, "
 TOPICS = {
     "sensor_combined": {f"gyro_rad[{k}]": name for k, name in enumerate(GYROS)}
     | {f"accelerometer_m_s2[{k}]": name for k, name in enumerate(ACCELEROMETERS)},
-    "vehicle_attitude": {f"q[{k}]": name for k, name in enumerate(QUATERNION)},
     "vehicle_air_data": {"baro_alt_meter": "altitude", "baro_pressure_pa": "pressure", "rho": "density"},
     "airspeed": {"true_airspeed_m_s": "velocity"},
     "airspeed_validated": {"true_airspeed_m_s": "velocity"},
@@ -143,5 +126,5 @@ FORMATS = (
     TableFormat("cats", lambda path, names, _: read_in_sandbox("CATS log", cats_table, path, names), (".cfl",)),
     TableFormat("px4", _read_px4, (".ulg",), lambda path, head: head.startswith("ULog\x01\x12\x35")),
     TableFormat("parquet", _read_parquet, (".parquet",)),
-    TableFormat("mat", _read_mat, (".mat",)),
+    TableFormat("mat", lambda path, names, _: read_in_sandbox("MATLAB", mat_table, path, names), (".mat",)),
 )
