@@ -454,7 +454,9 @@ def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
     lines = flight_lines(comparison.flights)
     if comparison.reference_flight is not None:
-        lines.append("terms begin and end together, each flight at its own times: by Mach number, unless a warning says more")
+        lines.append(
+            "terms begin and end together, each flight at its own times: by Mach number, unless a warning says more"
+        )
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:
         lines.append(motion_known(known.method, known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))
