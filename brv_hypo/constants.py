@@ -135,6 +135,7 @@ OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (co
 LIMIT_FALL = 3.84  # of 2 ln L: the upper end of a 95 % interval (chi-squared of one degree), and its quantile
 LIMIT_QUANTILE = 0.975
 LIMIT_LARGEST = 10.0  # rms moments above which nothing is known of a mechanism's size
+LIMIT_PART = 0.25  # of the record, for which a mechanism acts whose coefficients are limited too
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 
 # ---- Repetitions of a trace ----

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
-from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_QUANTILE
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_PART, LIMIT_QUANTILE
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import with_processes
 from brv_hypo.inference.evidence import Evidence
@@ -70,14 +70,22 @@ def limits(
     moment = float(np.sqrt(np.mean(np.abs(whole.moments(columns) @ values) ** 2)))
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     known: dict[str, float] = {}
+    sizes: dict[str, dict[str, float]] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
             known[mechanism.name] = min(_fitted(leader, frame, evidence.covariance / weight, scale) / moment, 1.0)
         else:
-            known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
+            (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
+            known[mechanism.name] = _largest(shapes, LIMIT_FALL / weight) / moment
+            sizes[mechanism.name] = _coefficients(shapes, frame, mechanism, LIMIT_FALL / weight)
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
     return tuple(
-        MechanismLimit(mechanism=name, share_of_moment_95=share, coefficient_95=share * moment)
+        MechanismLimit(
+            mechanism=name,
+            share_of_moment_95=share,
+            coefficient_95=share * moment,
+            coefficients_95={k: v for each in hypotheses[name] for k, v in sizes.get(each.name, {}).items()},
+        )
         if share <= LIMIT_LARGEST
         else MechanismLimit(mechanism=name)
         for name, share in shares.items()
@@ -128,14 +136,31 @@ def _moment_per_rate(flight: Flight) -> float:
     return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
-def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, fall: float) -> float:
-    """The largest rms moment of one mechanism over the record within a `fall` of 2 ln L."""
-    (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
-    if not shapes:
-        return float("inf")
-    best = max(shape.peak for shape in shapes)
+def _largest(shapes: Sequence[Shape], fall: float) -> float:
+    """The largest rms moment over the record that one of the shapes makes within a `fall` of 2 ln L from the best."""
+    best = max((shape.peak for shape in shapes), default=0.0)
     allowed = [(shape, fall - (best - shape.peak)) for shape in shapes]
-    return max(shape.largest(room) for shape, room in allowed if room > 0.0)
+    return max((shape.largest(room) for shape, room in allowed if room > 0.0), default=float("inf"))
+
+
+def _coefficients(shapes: Sequence[Shape], frame: RateFrame, mechanism: Mechanism, fall: float) -> dict[str, float]:
+    """By term the largest size of its coefficient within a `fall` of 2 ln L from the best of the shapes.
+
+    Over those that last `LIMIT_PART` of the record at least, and not all of it, as baseline and trim do; empty of a
+    mechanism with a delay, on which its coefficients hang.
+    """
+    whole, best = np.ptp(frame.coefficient_time), max((shape.peak for shape in shapes), default=0.0)
+    room = [max(fall - (best - each.peak), 0.0) for each in shapes]
+    lasting = [LIMIT_PART * whole <= np.ptp(each.region) < whole for each in shapes]
+    if mechanism.parameters() or not any(lasting):
+        return {}
+    sizes = [
+        np.abs(each.estimate) + np.sqrt(allowed * np.diag(np.linalg.inv(each.information)))
+        for each, allowed, long in zip(shapes, room, lasting, strict=True)
+        if long
+    ]
+    names = [term.name for term in mechanism.terms(frame.motions[0], {})]
+    return dict(zip(names, np.max(sizes, axis=0).tolist(), strict=True))
 
 
 def even_edges(frame: RateFrame, count: int) -> FloatArray:

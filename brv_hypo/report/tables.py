@@ -261,6 +261,9 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
     said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
+    sizes = [f"{name} {number(size, 2)}" for each in known for name, size in each.coefficients_95.items()]
+    if sizes:
+        said.append(f"Acting for a quarter of the record or longer, at most: {', '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append(NOT_EXCLUDED)
     if verdict.outcome == "none adequate":

@@ -109,7 +109,12 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "planted",
     }
     assert set(content["verdict"]["adequacy"]) == {"ratio", "p_value", "adequate"}
-    assert set(content["verdict"]["limits"][0]) == {"mechanism", "share_of_moment_95", "coefficient_95"}
+    assert set(content["verdict"]["limits"][0]) == {
+        "mechanism",
+        "share_of_moment_95",
+        "coefficient_95",
+        "coefficients_95",
+    }
     interval = next(row for row in content["ranking"] if row["intervals"])["intervals"][0]
     assert set(interval) == {"start_s", "stop_s", "values", "collinear_groups"}
     assert content["record"] == {"sound": True, "faults": []}

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from brv_hypo.comparison.limits import limits
 from brv_hypo.constants import LIMIT_FALL
+from brv_hypo.inference.evidence import with_amplitudes
 from brv_hypo.mechanisms import find
+from brv_hypo.model.term import TimeBasis, term_column
 from tests.chains import judged_cone
 from tests.flights import flown
 
@@ -72,3 +75,27 @@ def test_a_limit_far_beyond_the_moment_is_withheld() -> None:
     groups = {"damping": (find("damping"),)}
     (limit,) = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, 1e-12)
     assert np.isnan(limit.share_of_moment_95)
+
+
+def test_no_coefficient_is_limited_below_its_fit_on_a_stretch() -> None:
+    """The same evidence with the mechanism as a hypothesis: estimate and error, but for the prior of its amplitude."""
+    judged = judged_cone()
+    null, damping, like = judged.evidences[judged.null], find("damping"), judged.fits[judged.null]
+    (limit,) = limits(like, null, {"damping": (damping,)}, judged.weight)
+    frame = like.frame.with_mechanisms([damping])
+    (term,), time = damping.terms(frame.motions[0], {}), frame.coefficient_time
+    for start in np.linspace(time.min(), time.max(), 9)[:7]:
+        stretch = TimeBasis("jump", float(start), float(start) + 0.25 * np.ptp(time))
+        fit = replace(
+            like, mechanisms=(damping,), frame=frame, columns=(*like.columns, term_column(damping, term, (), stretch))
+        )
+        own = with_amplitudes(null.rows, null.rows.terms(fit), np.append(null.at, np.log(3.0)))
+        assert abs(own.values[-1]) < limit.coefficients_95["C_damping"]
+        assert np.sqrt(own.covariance[-1, -1] / judged.weight) < limit.coefficients_95["C_damping"] < 1.0
+
+
+def test_the_leader_and_what_lags_have_no_limits_of_coefficients() -> None:
+    judged = judged_cone("bodyfixed")
+    groups = {name: (find(name),) for name in ("bodyfixed", "lag", "inplane", "damping")}
+    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
+    assert [set(each.coefficients_95) for each in found] == [set(), set(), {"C_m0", "C_malpha"}, {"C_damping"}]
