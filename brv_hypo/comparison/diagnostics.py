@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
-from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
+from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import Nonlinear
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
@@ -44,7 +45,13 @@ def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
     histories = {judged.fits[k].name: _as_judged(judged, k) for k in places}
     alone = None if best is None else judged.fits[best].name
     return {
-        "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in comparison.ranking),
+        "ranking": tuple(
+            row.model_copy(
+                update=gains[row.mechanism]
+                | ({"knots": at_own_times(judged, row.knots)} if row.mechanism == fit.name else {})
+            )
+            for row in comparison.ranking
+        ),
         "record_errors": record_errors(own, judged.weight),
         **collinear(fit.columns, fit.covariance),
         "functions": {
@@ -81,28 +88,55 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
 
 
-def events_apart(judged: Judged) -> tuple[str, ...]:
-    """Which change of the leader comes most apart on flights from their Mach numbers or time, if significantly."""
+def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
+    """The knots of the leader, by how much each comes later on a flight than in the time that flights share (knots,
+    flights) s, and which knots (knots,) significantly do.
+    """
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
-        return ()
+        return [], np.zeros((0, len(own.rows.blocks))), np.zeros(0, dtype=bool)
     late, sigmas = own.events_apart
-    common = fit.frame.common
-    aligned = np.array([common.late_at(each.value) for each in knots]) if common is not None else np.zeros_like(late)
-    late = late + aligned - np.mean(aligned, axis=1, keepdims=True)
     step = max(each.flight.step for each in fit.frame.reconstructions)  # within which filters of sensors shift a jump
     sigmas = np.hypot(sigmas / np.sqrt(judged.weight), step / np.sqrt(12.0))
-    apart = np.where(np.any(np.abs(late) > APART_SIGMAS * sigmas, axis=1), np.ptp(late, axis=1), 0.0)
-    most = int(np.argmax(apart))
-    if apart[most] == 0.0:
+    return knots, late, np.any(np.abs(late) > APART_SIGMAS * sigmas, axis=1)
+
+
+def at_own_times(judged: Judged, knots: Sequence[Knot]) -> tuple[Knot, ...]:
+    """The ends of the leader's regions, each at the flight's own time where it comes significantly late there."""
+    fit, (moved, late, apart) = judged.fits[judged.leader], _late(judged)
+    common, by_edge = fit.frame.common, dict[float, FloatArray]()
+    for parameter, own, known in zip(moved, late, apart.tolist(), strict=True):
+        bases = [fit.selected[j].time_basis for j in parameter.columns]
+        by_edge |= {edge: own for basis in bases for edge in (basis.start, basis.stop) if known}
+    if common is None or not by_edge:
+        return tuple(knots)
+    nothing, found = np.zeros(len(common.flights)), []
+    for knot in knots:
+        shifts = by_edge.get(knot.time_s, nothing).tolist()
+        pairs = zip(common.flights, shifts, knot.flights_s, strict=True)
+        times = tuple(None if known is None else own.own_at(knot.time_s + shift) for own, shift, known in pairs)
+        found.append(knot.model_copy(update={"flights_s": times}))
+    return tuple(found)
+
+
+def events_apart(judged: Judged) -> tuple[str, ...]:
+    """Which change of the leader comes most apart on flights from their Mach numbers or time, if significantly."""
+    fit, (knots, late, apart) = judged.fits[judged.leader], _late(judged)
+    if not knots:
+        return ()
+    common = fit.frame.common
+    aligned = np.zeros_like(late) if common is None else np.array([common.late_at(each.value) for each in knots])
+    whole = np.where(apart[:, np.newaxis], late, 0.0) + aligned
+    most = int(np.argmax(np.ptp(whole, axis=1)))
+    if np.ptp(whole[most]) == 0.0:
         return ()
     term, place = fit.selected[knots[most].columns[0]].term, at(common, knots[most].value)
     shared = "time" if common is None else "Mach number"
-    advice = "each flight has its own time" if np.any(aligned) else "for its time, compare each flight by itself"
+    advice = "for its time, compare each flight by itself" if common is None else "each flight has its own time"
     return (
-        f"the change of {term} about {place} does not come at one {shared} on all flights ({apart[most]:.1g} s apart): "
-        f"{advice}",
+        f"the change of {term} about {place} does not come at one {shared} on all flights "
+        f"({np.ptp(whole[most]):.1g} s apart): {advice}",
     )
 
 

@@ -62,10 +62,12 @@ def test_events_off_one_mach_number_are_named_too_and_said() -> None:
 @pytest.mark.thorough
 def test_steps_that_come_apart_on_two_flights_are_no_onsets_that_take_time() -> None:
     """In the time of their Mach numbers alone four changes were found about the two, and knots 5 sigma off."""
-    planted = [{"mechanism": "lag", "theta": {"delay": 0.03}, "terms": {"lag fraction": 1.0}}]
+    planted = {"mechanism": "lag", "theta": {"delay": 0.03}, "terms": {"lag fraction": 1.0}}
     edges = [(2.0, 3.2), (2.04, 3.22)]
     flown = [
-        simulate({"base": "research_cone", "mechanisms": [{**planted[0], "start": a, "stop": b}]}, seed=seed)
+        simulate(
+            {"base": "research_cone", "duration": 4.2, "mechanisms": [{**planted, "start": a, "stop": b}]}, seed=seed
+        )
         for seed, (a, b) in enumerate(edges, start=5)
     ]
     comparison = compare(flown, CompareConfig(mechanisms=("lag",), maximum_likelihood="none"))
