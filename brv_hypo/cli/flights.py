@@ -164,7 +164,7 @@ def simulate(
             "--draw",
             metavar="TIMES",
             min=0.0,
-            help="Draw errors of instruments, vehicle and air from so many times the tolerances stated.",
+            help="Draw errors of instruments, vehicle and air from so many times the tolerances stated; 1 is usual.",
         ),
     ] = None,
     seed: Seed = None,

@@ -383,5 +383,6 @@ def _described(fit: HypothesisFit) -> str:
     }
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
-    since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
+    when = "until" if len(starts) < len(fit.selected) else "from"
+    since = f" {when} {at(fit.frame.common, min(starts))}" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"

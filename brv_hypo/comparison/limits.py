@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.stats import chi2
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
@@ -48,8 +49,10 @@ class Shape:
     """s over which it comes on, about the first of these."""
 
     def largest(self, allowed: float) -> float:
-        """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
+        """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate; none where that is nothing."""
         assert self.gram is not None
+        if allowed <= 0.0:
+            return 0.0
         size = math.sqrt(max(float(self.estimate @ self.gram @ self.estimate), 0.0))
         spread = float(np.asarray(eigh(self.gram, self.information, eigvals_only=True))[-1])
         return size + math.sqrt(max(allowed * spread, 0.0))
@@ -76,8 +79,9 @@ def limits(
             known[mechanism.name] = min(_fitted(leader, frame, evidence.covariance / weight, scale) / moment, 1.0)
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
-            known[mechanism.name] = _largest(shapes, LIMIT_FALL / weight) / moment
-            sizes[mechanism.name] = _coefficients(shapes, frame, mechanism, LIMIT_FALL / weight)
+            rooms = _rooms(shapes, weight)
+            known[mechanism.name] = max(map(Shape.largest, shapes, rooms), default=float("inf")) / moment
+            sizes[mechanism.name] = _coefficients(shapes, rooms, frame, mechanism)
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
     return tuple(
         MechanismLimit(
@@ -136,29 +140,34 @@ def _moment_per_rate(flight: Flight) -> float:
     return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
-def _largest(shapes: Sequence[Shape], fall: float) -> float:
-    """The largest rms moment over the record that one of the shapes makes within a `fall` of 2 ln L from the best."""
+def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:
+    """By how much 2 ln L may fall from the estimate of each shape (shapes,): `LIMIT_FALL`, less by how much the best
+    fits better than it, but for what the best of so many gains by chance (at 95 %); not below 0. `weight`: of a nat.
+
+    The best region in noise alone fits better than others (Davies, Biometrika 74, 1987), so that a body-fixed moment
+    that acts always, which trim takes up, seemed to be excluded.
+    """
     best = max((shape.peak for shape in shapes), default=0.0)
-    allowed = [(shape, fall - (best - shape.peak)) for shape in shapes]
-    return max((shape.largest(room) for shape, room in allowed if room > 0.0), default=float("inf"))
+    chance = float(chi2.isf(0.05 / len(shapes), shapes[0].estimate.size)) / weight if shapes else 0.0
+    return [max(LIMIT_FALL / weight - max(best - each.peak - chance, 0.0), 0.0) for each in shapes]
 
 
-def _coefficients(shapes: Sequence[Shape], frame: RateFrame, mechanism: Mechanism, fall: float) -> dict[str, float]:
-    """By term the largest size of its coefficient within a `fall` of 2 ln L from the best of the shapes.
+def _coefficients(
+    shapes: Sequence[Shape], rooms: Sequence[float], frame: RateFrame, mechanism: Mechanism
+) -> dict[str, float]:
+    """By term the largest size of its coefficient within the `rooms` of the shapes.
 
     Over those that last `LIMIT_PART` of the record at least, and not all of it, as baseline and trim do; empty of a
     mechanism with a delay, on which its coefficients hang.
     """
-    whole, best = np.ptp(frame.coefficient_time), max((shape.peak for shape in shapes), default=0.0)
-    room = [max(fall - (best - each.peak), 0.0) for each in shapes]
-    lasting = [LIMIT_PART * whole <= np.ptp(each.region) < whole for each in shapes]
-    if mechanism.parameters() or not any(lasting):
-        return {}
+    whole = np.ptp(frame.coefficient_time)
     sizes = [
-        np.abs(each.estimate) + np.sqrt(allowed * np.diag(np.linalg.inv(each.information)))
-        for each, allowed, long in zip(shapes, room, lasting, strict=True)
-        if long
+        np.abs(each.estimate) + np.sqrt(room * np.diag(np.linalg.inv(each.information)))
+        for each, room in zip(shapes, rooms, strict=True)
+        if room > 0.0 and LIMIT_PART * whole <= np.ptp(each.region) < whole
     ]
+    if mechanism.parameters() or not sizes:
+        return {}
     names = [term.name for term in mechanism.terms(frame.motions[0], {})]
     return dict(zip(names, np.max(sizes, axis=0).tolist(), strict=True))
 

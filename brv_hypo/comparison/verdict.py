@@ -11,12 +11,13 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict
+from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict, percent
 from brv_hypo.constants import CREDIBLE_PROBABILITY, FAR_BETTER, OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.io.text import error_share, hypothesis
 from brv_hypo.thresholds import NOISE_LEVEL
 
 OTHER = "other"
+PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes stand for something
 NONE = "none"
 
 
@@ -204,7 +205,14 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
 def _named(verdict: Verdict, leader: Candidate) -> str:
     chance = _share(verdict.probability[leader.name])
     if leader.name == NONE:
-        return f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
+        said = f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
+        made = 0.0 if verdict.explained is None else verdict.explained.processes
+        if made < PROCESSES_LARGE or not verdict.processes:
+            return said
+        return (
+            f"{said} But the baseline lacks something: processes, {verdict.processes[0].name} most of all, make "
+            f"{percent(made)} % of what it does not explain. `brv-hypo trace` looks for what it is."
+        )
     return f"{leader.name} explains the moments best (probability {chance})."
 
 
