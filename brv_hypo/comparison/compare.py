@@ -249,7 +249,9 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
             f"nothing to compare: every hypothesis has {', '.join(config.mechanisms)} beside its mechanism. Name "
             f"mechanisms too, as in lag,sticking,{config.mechanisms[0]}; none is the baseline only."
         )
-    found = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
+    parsed = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
+    # By the mechanisms' own names, also of those that are given as files.
+    found = {"+".join(each.name for each in own) or name: own for name, own in parsed.items()}
     own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)
     for name in config.options.keys() - own.keys():
         hint = meant(name, own, f"compared: {', '.join(own)}.")
