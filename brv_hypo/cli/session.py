@@ -240,6 +240,13 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
             print(f"{now - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
+def _along(instruments: str) -> str | Path:
+    """The file of tolerances that comes along by that name; else as it is: a grade, or a file."""
+    from brv_hypo.simulation.config import config_names, config_path
+
+    return config_path(instruments, "instruments") if instruments in config_names("instruments") else instruments
+
+
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
 
 
@@ -332,10 +339,8 @@ class Session:
     def load(self, path: Path) -> Flight:
         """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
         from brv_hypo.flight.format import load_flight
-        from brv_hypo.simulation.config import config_names, config_path
 
-        along = self.instruments is not None and self.instruments in config_names("instruments")
-        tolerances = config_path(self.instruments or "", "instruments") if along else self.instruments
+        tolerances = None if self.instruments is None else _along(self.instruments)
         return load_flight(path, instruments=tolerances).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
