@@ -17,7 +17,7 @@ from brv_hypo.inference.derivatives import along_flights, damping, slope, value,
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.refinement import Nonlinear
+from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
@@ -97,8 +97,8 @@ def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
     if len(own.rows.blocks) < 2 or not knots:
         return [], np.zeros((0, len(own.rows.blocks))), np.zeros(0, dtype=bool)
     late, sigmas = own.events_apart
-    step = max(each.flight.step for each in fit.frame.reconstructions)  # within which filters of sensors shift a jump
-    sigmas = np.hypot(sigmas / np.sqrt(judged.weight), step / np.sqrt(12.0))
+    step = max(each.flight.step for each in fit.frame.reconstructions)
+    sigmas = np.hypot(sigmas / np.sqrt(judged.weight), shift_sigma(step))
     return knots, late, np.any(np.abs(late) > APART_SIGMAS * sigmas, axis=1)
 
 

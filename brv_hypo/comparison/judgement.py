@@ -46,7 +46,7 @@ from brv_hypo.inference.fit import (
 )
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
+from brv_hypo.inference.refinement import FINAL, ROUGH, Steps, shift_sigma
 from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
@@ -262,8 +262,7 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
         terms = np.arange(fit.baseline_size, count)
         covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
-    step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
-    covariance[knots, knots] += step**2 / 12.0
+    covariance[knots, knots] += shift_sigma(fit.frame.reconstructions[0].flight.step) ** 2
     found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance, bound_cost=0.0)
     return within_bounds(replace(found, left_out=own.left_out(weight)))
 

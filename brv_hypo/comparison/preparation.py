@@ -18,6 +18,7 @@ from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, self_consistent
 from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import shift_sigma
 from brv_hypo.linearisation.frame import build_frame
 from brv_hypo.linearisation.propagated_motion import PropagatedMotion, cycles, linearisation_point
 from brv_hypo.mechanisms.contract import RecordEffect
@@ -145,7 +146,7 @@ def _events(fit: HypothesisFit, own: OwnTime) -> list[_Event]:
     sizes = [math.hypot(*each.values()) for each in changes.values()]
     step, pairs = fit.frame.reconstructions[0].flight.step, zip(changes.items(), sizes, strict=True)
     return [
-        _Event(float(own.common_at(np.array(time))), step / math.sqrt(12.0) * max(sizes) / max(size, 1e-300), each)
+        _Event(float(own.common_at(np.array(time))), shift_sigma(step) * max(sizes) / max(size, 1e-300), each)
         for (time, each), size in pairs
     ]
 

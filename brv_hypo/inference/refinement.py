@@ -87,6 +87,11 @@ class Nonlinear:
         return column.at(theta, column.time_basis)
 
 
+def shift_sigma(step: float) -> float:
+    """Standard deviation (s) of a jump's time within a sample (`step` s), uniform: filters of sensors shift it so."""
+    return step / math.sqrt(12.0)
+
+
 def middle(basis: TimeBasis) -> float:
     """When a change happens, s: of a ramp with an end the middle."""
     return 0.5 * (basis.start + basis.stop) if has_width(basis) else basis.start
