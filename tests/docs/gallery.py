@@ -25,8 +25,9 @@ def executed(text: str, folder: Path) -> Any:
     book = nbformat.reads(text, as_version=4)
     nbformat.validate(book)
     place = {"metadata": {"path": str(folder)}}
-    client = nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources=place, record_timing=False)
-    return client.execute()
+    # A cell's print may come in pieces, on a busy machine in more of them: they are one output.
+    options = {"timeout": 300, "kernel_name": "python3", "record_timing": False, "coalesce_streams": True}
+    return nbclient.NotebookClient(book, resources=place, **options).execute()
 
 
 def main(names: list[str]) -> None:
