@@ -152,21 +152,37 @@ class Excess:
 
 
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
-    """The net value farthest outside its mechanism's bounds; None where all lie within them."""
+    """The net value farthest outside its mechanism's bounds; None where all lie within them.
+
+    Beyond a bound of 0 the error is that with delays where they are: a delay may make up for how much there is of
+    something, and not for its sign.
+    """
     bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
     found: list[Excess] = []
-    every = [(interval, net) for interval in intervals(fit) for net in interval.values]
-    for interval, net in every:
+    every, fixed = ([(each, net) for each in intervals(f) for net in each.values] for f in (fit, _delays_fixed(fit)))
+    for (interval, net), (_, there) in zip(every, fixed, strict=True):
         low, high = bounds[net.mechanism].get(net.name, (-np.inf, np.inf))
         similar = [o.value for _, o in every if (o.mechanism, o.name) == (net.mechanism, net.name)]
         largest = float(np.max(np.abs(np.clip(similar, low, high))))  # that is possible, for errors of second order
-        error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
+        bound = low if net.value < low else high
+        sigma = there.std_error if bound == 0.0 else net.std_error
+        error = np.hypot(sigma, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
         beyond = max(low - net.value, net.value - high, 0.0) / max(error, 1e-300)
         begin = f"{interval.start_s:.2f}" if common is None else at(common, interval.start_s)
         where = f"from {begin} to {at(common, interval.stop_s)}, where {low:g} to {high:g} is possible"
         found.append(Excess(float(beyond), f"{net.name} = {net.value:.3g} {where}"))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
+
+
+def _delays_fixed(fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the errors that it has where delays, and what else terms depend on, are known."""
+    first, joint = fit.values.size, fit.joint_covariance
+    free = [first + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "theta"]
+    if not free or not joint.size:
+        return fit
+    known = joint[:, free] @ np.linalg.pinv(joint[np.ix_(free, free)], hermitian=True) @ joint[free]
+    return replace(fit, joint_covariance=joint - known)
 
 
 def within_bounds(fit: HypothesisFit) -> HypothesisFit:

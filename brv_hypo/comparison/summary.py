@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.comparison.intervals import channel_of, estimate, intervals
+from brv_hypo.comparison.intervals import channel_of, estimate, intervals, out_of_bounds
 from brv_hypo.comparison.result import (
     BaselineSummary,
     Comparison,
@@ -34,15 +35,20 @@ from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, Sta
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
+from brv_hypo.thresholds import SPECIFIC
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name)
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
-def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
+def criteria_disagree(
+    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = _NOTHING
+) -> tuple[str, ...]:
     """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
 
     The F-ratio is none of `none`: it is against it. No probability comes first where none is left for the list.
+    `impossible`: by hypothesis, the value in words that no body has, of which the other criteria know nothing.
     """
     if len(ranking) < 2:
         return ()
@@ -58,6 +64,7 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
         return ()
     leaders = "; ".join(
         f"{_joined([name for name, leader in first.items() if leader == each])}: {hypothesis(each)}"
+        + (f" (with {impossible[each]})" if each in impossible else "")
         for each in dict.fromkeys(first.values())
     )
     return (f"the criteria put different hypotheses first: {leaders}",)
@@ -96,6 +103,8 @@ def summarise(
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = problem.frame.reconstructions
+    excesses = {fit.name: out_of_bounds(fit) for fit in fits if 0.5 * fit.bound_cost > SPECIFIC}
+    impossible = {name: excess.words for name, excess in excesses.items() if excess is not None}
     return Comparison(
         flights=tuple(flight_summary(r.flight) for r in reconstructions),
         reference_flight=None if problem.frame.common is None else problem.frame.common.reference + 1,
@@ -109,7 +118,7 @@ def summarise(
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
-        disagreements=criteria_disagree(ranking, verdict.probability),
+        disagreements=criteria_disagree(ranking, verdict.probability, impossible),
     )
 
 

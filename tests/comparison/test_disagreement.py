@@ -29,6 +29,12 @@ def test_each_criterion_is_told_with_what_it_puts_first():
     )
 
 
+def test_what_is_first_with_a_value_that_is_not_possible_says_so():
+    ranking = [row("lag", 90.0, 4.0, 1.0), row("none", None, 50.0, 3.0)]
+    (told,) = criteria_disagree(ranking, {"lag": 0.1, "none": 0.9}, {"lag": "lag fraction = -3"})
+    assert "lag (with lag fraction = -3); probability: baseline only" in told
+
+
 def test_where_no_probability_is_left_for_the_list_none_of_it_comes_first():
     ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
     (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})

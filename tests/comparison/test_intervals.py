@@ -15,6 +15,7 @@ from brv_hypo.comparison.intervals import intervals, out_of_bounds, within_bound
 from brv_hypo.comparison.result import NetInterval
 from brv_hypo.constants import SECOND_ORDER_VALUES
 from brv_hypo.mechanisms import find
+from brv_hypo.model.term import TimeBasis
 from tests.comparison.pulse import fitted, pulse
 
 INSIDE = 3.0
@@ -101,3 +102,20 @@ def test_values_that_no_body_has_cost_what_their_bounds_take() -> None:
     assert excess.sigmas == pytest.approx(0.5 * abs(largest.value) / error)
     assert within_bounds(held).information == pytest.approx(fit.information + excess.sigmas**2)
     assert within_bounds(fit) is fit
+
+
+def test_no_delay_makes_up_for_a_sign_that_is_not_possible() -> None:
+    """Beyond 0 a value errs as with its delay known, beyond its other bound as with the delay free."""
+    fit = fitted("lag")
+    fraction, terms = replace(fit.selected[0], time_basis=TimeBasis("constant")), fit.baseline_size
+    free = tuple(parameter for parameter in fit.nonlinear if parameter.kind == "theta")[:1]
+    joint = np.zeros((terms + 2, terms + 2))
+    joint[terms:, terms:] = [[9.01, 3.0], [3.0, 1.0]]  # of a correlation of nearly 1: their product is known
+    values = np.append(np.zeros(terms), -3.0)
+    columns = (*fit.columns[:terms], fraction)
+    known = replace(fit, values=values, joint_covariance=joint, columns=columns, nonlinear=free)
+    negative, large = out_of_bounds(known), out_of_bounds(replace(known, values=-values))
+    assert negative is not None
+    assert large is not None
+    assert large.sigmas < 1.0
+    assert negative.sigmas > 10.0
