@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_NAMED
+from brv_hypo.constants import BEYOND_NAMED, KNOWN_ERROR
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
@@ -281,6 +281,18 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
     return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
 
 
+def known_text(errors: Sequence[RecordError]) -> str:
+    """Those that are significant and no smaller than their tolerance, in a sentence: with no mechanism named, what else
+    was there. A trim, for one, is what a body-fixed moment would be that acts throughout.
+    """
+    known = [each for each in errors if abs(each.tolerances) >= 1.0 and abs(each.value) > KNOWN_ERROR * each.std_error]
+    said = [
+        f"{each.name} {number(each.value)} ± {number(each.std_error, 2)}{'' if each.units == '1' else f' {each.units}'}"
+        for each in known[:BEYOND_NAMED]
+    ]
+    return f"With errors of record and vehicle, which every hypothesis has: {', '.join(said)}." if said else ""
+
+
 class SizedModel(NullIsNaN):
     """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
 
@@ -446,7 +458,8 @@ class Comparison(HasCharts, Result):
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.")
-        lines.append(beyond_text(self.record_errors, self.verdict.outcome))
+        beyond = beyond_text(self.record_errors, self.verdict.outcome)
+        lines.append(beyond or (known_text(self.record_errors) if self.verdict.winner == "none" else ""))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
@@ -459,6 +472,8 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
         ends = (acts[0].start_s, acts[-1].stop_s)
+        if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
+            return "It acts throughout the record."
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"It acts from Mach {machs}, on each flight at its own times."

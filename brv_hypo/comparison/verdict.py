@@ -223,7 +223,7 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     chance = _share(verdict.probability[verdict.winner])
     said = (
         f"{verdict.winner} describes the moments best (probability {chance}), when and in which plane they changed, "
-        "but is no established cause: without processes it predicts held-out blocks worse than the baseline "
+        "but is no established cause: without processes it predicts held-out blocks no better than the baseline "
         f"({error_share(ratio)} of its error)."
     )
     return verdict.model_copy(update={"reason": said})
