@@ -472,11 +472,11 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
         ends = (acts[0].start_s, acts[-1].stop_s)
-        if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
-            return "It acts throughout the record."
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"It acts from Mach {machs}, on each flight at its own times."
+        if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
+            return "It acts throughout the record."
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
         return f"It acts from {times(*ends)}{known}."
 

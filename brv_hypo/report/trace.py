@@ -106,6 +106,10 @@ _STOPPED = {
     "limit": "",
 }
 """Why the loop stopped, where that says something of the flight."""
+_ERRORS = (
+    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
+    "scatters by about the last model's sigma. Every model has errors of the record within their tolerances"
+)
 
 
 def trace_document(result: Trace) -> Document:
@@ -135,9 +139,7 @@ def trace_document(result: Trace) -> Document:
         for k, each in enumerate(result.account)
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(
-        account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
-    )
+    errors = Table(account, _ERRORS, ("model",))
     held_out = {each.model: each.held_out for each in result.account}
     both = [SCHEDULED] if held_out.keys() >= {"constant", "scheduled"} else []
     if both and held_out["constant"] < held_out["scheduled"]:
@@ -182,7 +184,7 @@ def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
         left = share(result.account[-1].held_out / result.steps[0].error_before.held_out)
-        return f"Found: {', '.join(result.findings)}; the held-out error falls to {left} of the first model's."
+        return f"Found: {', '.join(result.findings)}; the held-out error is {left} of what it is without."
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
@@ -259,6 +261,8 @@ def outcome_text(step: Step) -> str:
         text += f"; the held-out error of moments and force falls by {fall} standard errors"
     if step.ratio_of_flights_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.ratio_of_flights_left_out)}"
+    if step.doubts:
+        text += f". It is a hint since {', and '.join(step.doubts)}"
     return text
 
 

@@ -53,7 +53,7 @@ from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.description import Described, described_in_part, file_of
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
-from brv_hypo.tracing.result import Kind, Status
+from brv_hypo.tracing.result import Kind
 
 # ---- One effect as fitted ----
 
@@ -292,11 +292,18 @@ class Tried:
         before, after = (sum(error_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
         return after / before
 
-    def status(self, named_in: float, choices: int) -> Status:
-        """A finding or a hint, one of so many choices."""
-        lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (self.elsewhere or 0.0) < 1.0
-        wanted = self.gain - np.log(choices) >= SPECIFIC
-        return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
+    def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
+        """Why it is no finding, one of so many choices; empty for a finding."""
+        lowers, found = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0, []
+        if not lowers:
+            found.append("the held-out error of the moments does not fall significantly")
+        if (self.elsewhere or 0.0) >= 1.0:
+            found.append("flights that are predicted from the others are predicted worse")
+        if self.gain - np.log(choices) < SPECIFIC:
+            found.append(f"beside processes, the evidence is below {SPECIFIC:g} nats after its {choices} choices")
+        if named_in < FINDING_REPEATED:
+            found.append(f"fewer than {100.0 * FINDING_REPEATED:.0f} % of the repetitions name it")
+        return tuple(found)
 
 
 def error_elsewhere(fit: Fit, number: int) -> float:

@@ -144,9 +144,9 @@ class Step(NullIsNaN):
     `error_before`, `error_after` are those of the moment coefficients, `held_out_score` the fall of the error of these
     and of the specific force, in which an error of the record may show alone, in standard errors.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
-    blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
-    `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all share is known from
-    the others alone. `removed`: effects of earlier steps that the model has no need of beside this one.
+    blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint, and `doubts`
+    say why. `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all share is
+    known from the others alone. `removed`: effects of earlier steps that the model has no need of beside this one.
     `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
     those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
     explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
@@ -165,6 +165,7 @@ class Step(NullIsNaN):
     added: str | None
     description: str = ""
     status: Status | None = Field(default=None, alias="standing")
+    doubts: tuple[str, ...] = ()
     named_in: float | None = None
     error_before: Errors
     error_after: Errors | None = None

@@ -259,9 +259,19 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
-    kept = {n for n, gain in gains.items() if gain >= SPECIFIC and adequate and beside.rest_of_family(n) <= FAMILY_REST}
+
+    def doubts(name: str) -> tuple[str, ...]:
+        if gains.get(name, -np.inf) < SPECIFIC:
+            return ("beside the final model, processes explain the flight as well",)
+        if not adequate:
+            return ("the final model is inadequate",)
+        much = beside.rest_of_family(name) > FAMILY_REST
+        return ("processes of its family have much to explain beside it",) if much else ()
+
     return [
-        step.model_copy(update={"status": "hint"}) if step.status == "finding" and step.added not in kept else step
+        step.model_copy(update={"status": "hint", "doubts": found})
+        if step.status == "finding" and step.added is not None and (found := doubts(step.added))
+        else step
         for step in steps
     ]
 
@@ -271,11 +281,13 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
 
 def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], beside: Beside) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
-    leading, accepted, status = choice.leading, choice.accepted, None
+    leading, accepted, doubts = choice.leading, choice.accepted, list[str]()
     if accepted is not None and choice.named_in is not None:
-        generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
-        own = accepted.status(choice.named_in, len(choice.ranked))
-        status = "hint" if generic or rests_on_hints(earlier) else own
+        doubts += accepted.doubts(choice.named_in, len(choice.ranked))
+        if accepted.candidate.kind == "discovered" and len(fit.data.records) == 1:
+            doubts.append("one flight establishes no description in generic terms")
+        if rests_on_hints(earlier):
+            doubts.append("it rests on an earlier hint")
     families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
     reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
     return Step(
@@ -299,7 +311,8 @@ def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], be
         unwanted=choice.unwanted,
         evidence_gain=None if accepted is None else accepted.gain,
         added=None if accepted is None else accepted.candidate.name,
-        standing=status,
+        standing=None if accepted is None else "hint" if doubts else "finding",
+        doubts=tuple(doubts),
         named_in=choice.named_in,
         error_before=_errors(fit if leading is None else leading.before),
         **({} if leading is None else _after(leading)),

@@ -210,6 +210,22 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
 
 
 @pytest.mark.parametrize(
+    ("changed", "named_in", "said"),
+    [
+        ({}, 1.0, ()),
+        ({"ratio": 0.99, "ratio_error": 0.1}, 1.0, ("the held-out error of the moments does not fall significantly",)),
+        ({"elsewhere": 1.2}, 1.0, ("flights that are predicted from the others are predicted worse",)),
+        ({"gain": SPECIFIC}, 1.0, ("beside processes, the evidence is below 5 nats after its 10 choices",)),
+        ({}, 0.7, ("fewer than 75 % of the repetitions name it",)),
+    ],
+)
+def test_what_is_no_finding_says_why(changed: dict[str, float], named_in: float, said: tuple[str, ...]) -> None:
+    one = judged(candidate("lag", 90.0), 5.0, 0.5)
+    one = known(one, **({"gain": 2.0 * SPECIFIC, "ratio_error": 0.01, "elsewhere": None} | changed))
+    assert one.doubts(named_in, 10) == said
+
+
+@pytest.mark.parametrize(
     ("earlier", "told"),
     [
         ([], False),

@@ -59,6 +59,7 @@ def test_each_effect_is_a_finding_or_a_hint(made: Callable[[], Trace]) -> None:
     assert set(result.findings) | set(result.hints) == set(result.added)
     for step in result.steps:
         assert (step.status is None) == (step.named_in is None) == (step.added is None)
+        assert (step.status == "hint") == bool(step.doubts)
         assert step.named_in is None or 0.0 <= step.named_in <= 1.0
 
 
