@@ -100,8 +100,8 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
     """The rms moment that what was fitted has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are, so that their linear `covariance` counts. `scale`: its relative
-    variance by pressure and inertia.
+    lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
+    scatters over stretches of time. `scale`: its relative variance by pressure and inertia.
     """
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
     columns = [frame.moments(fit.selected)]
@@ -109,10 +109,13 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
         low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds).tolist()
         ends = [frame.moments(parameter.moved(fit.selected, end)) @ values for end in (low, high)]
         columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
-    at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
+    at_mode, made = np.append(values, np.zeros(len(fit.nonlinear))), np.concatenate(columns, axis=1)
+    if fit.left_out is not None:
+        slopes = (made.conj().T @ (made @ at_mode)).real  # of half the squares
+        covariance = covariance * fit.left_out.scatter(np.append(np.zeros(first), slopes)[np.newaxis]) ** 2
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
-    sizes = np.sqrt(np.mean(np.abs(np.concatenate(columns, axis=1) @ drawn.T) ** 2, axis=0))
+    sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))
     return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
 
 

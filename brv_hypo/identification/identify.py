@@ -447,7 +447,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         covariance=_covariance(found, terms),
         terms=terms,
         nonlinear=tuple(
-            estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale)
+            estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale, parameter.origin)
             for parameter, label in zip(structure.nonlinear_parameters, labels, strict=True)
         ),
         forces=tuple(estimate(name, "1/rad") for name in FORCE_DRIFT),

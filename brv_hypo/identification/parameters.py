@@ -53,7 +53,10 @@ Kind = Literal["theta", "start", "stop"]
 
 @dataclass(frozen=True)
 class NonlinearParameter:
-    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
+    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s).
+
+    A knot is counted from `origin`, the first time of the record: differences step by a parameter's size.
+    """
 
     name: str
     kind: Kind
@@ -65,6 +68,7 @@ class NonlinearParameter:
     is_delay: bool
     columns: tuple[int, ...]
     scale: float = 1.0
+    origin: float = 0.0
 
     @property
     def label(self) -> str:
@@ -162,11 +166,11 @@ def _nonlinear_parameters(
                 groups.setdefault((kind, column.mechanism, "", knot), []).append(j)
     found = []
     for (kind, mechanism, theta, value), members in groups.items():
-        units, scale, bounds, is_delay = "s", 1.0, (start, stop), False
+        units, scale, origin, bounds, is_delay = "s", 1.0, start, (0.0, stop - start), False
         if kind == "theta":
             own = next(p for p in mechanisms[mechanism].parameters() if p.name == theta)
             units, is_delay = own.units, own.is_delay
-            scale = own.seconds if is_delay else 1.0
+            scale, origin = own.seconds if is_delay else 1.0, 0.0
             bounds = (scale * min(own.bounds[0], value), scale * max(own.bounds[1], value))
         found.append(
             NonlinearParameter(
@@ -174,12 +178,13 @@ def _nonlinear_parameters(
                 kind=kind,
                 theta=theta,
                 mechanism=mechanism,
-                value=scale * value,
+                value=scale * value - origin,
                 bounds=bounds,
                 units=units,
                 is_delay=is_delay,
                 columns=tuple(members),
                 scale=scale,
+                origin=origin,
             )
         )
     names = unique([parameter.name for parameter in found])
@@ -191,8 +196,8 @@ def _moved(column: Regressor, parameter: NonlinearParameter, value: float) -> Re
         theta = tuple((key, value / parameter.scale if key == parameter.theta else old) for key, old in column.theta)
         return replace(column, theta=theta)
     if parameter.kind == "start":
-        return replace(column, time_basis=replace(column.time_basis, start=value))
-    return replace(column, time_basis=replace(column.time_basis, stop=value))
+        return replace(column, time_basis=replace(column.time_basis, start=parameter.origin + value))
+    return replace(column, time_basis=replace(column.time_basis, stop=parameter.origin + value))
 
 
 _ROUNDING = 1e-9

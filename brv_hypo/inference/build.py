@@ -115,10 +115,7 @@ def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
 def with_vehicle(
     frame: RateFrame, baseline: tuple[Regressor, ...], values: FloatArray, vehicle: Sequence[Mechanism], known: Errors
 ) -> tuple[RateFrame, tuple[Regressor, ...], FloatArray]:
-    """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known.
-
-    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
-    """
+    """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known."""
     always = TimeBasis("constant")
     own = {
         Regressor(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]

@@ -29,6 +29,7 @@ _TURNED = ("y", "z", "rate y", "rate z")
 # Channels of a record, which may be without the last ones, and with the transverse rates what a motion has of it.
 _SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 _READ = (*_SCALARS, "q", "r")
+_BASELINE = (StaticMoment.name, PitchDamping.name)
 
 
 MovedRecord = tuple[InertialRecord, ComplexArray]
@@ -53,12 +54,13 @@ class MomentModel:
     def usual(self, kept: FloatArray) -> ComplexArray:
         """C_m + i C_n at the nodes (m, records).
 
-        What is tested keeps the pressure and inertia of the linearisation point, which are `kept` (m, records) of a
-        record's: its coefficients make up for both, and a hypothesis without it would take an error of either for a
-        share of it.
+        All but the baseline keeps the pressure and inertia of the linearisation point, which are `kept` (m, records) of
+        a record's: its coefficients make up for both. A hypothesis without what is tested would take an error of either
+        for a share of it, and a trim of many tolerances would make such an error likely, which a fraction of the static
+        moment followed.
         """
-        always, tested = self._now
-        return always[:, np.newaxis] + tested[:, np.newaxis] * kept
+        baseline, others = self._now
+        return baseline[:, np.newaxis] + others[:, np.newaxis] * kept
 
     def changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
         """How much more the moments (m, records) of some records are than those of others, to first order.
@@ -145,24 +147,16 @@ class MomentModel:
         return found
 
     def _moments(self, motion: Motion) -> tuple[ComplexArray, ComplexArray]:
-        """C_m + i C_n (m,) on a motion at the nodes: of what is always there, and of what is tested."""
+        """C_m + i C_n (m,) on a motion at the nodes: of the baseline, and of all else."""
         terms = evaluated(self.columns, self.mechanisms, motion)
         found = []
-        for always in (True, False):
-            some = [j for j, each in enumerate(self.columns) if (each.mechanism in self._always) is always]
+        for baseline in (True, False):
+            some = [j for j, each in enumerate(self.columns) if (each.mechanism in _BASELINE) is baseline]
             weights = [self._weights[j] for j in some]
             in_plane = summed((terms[j].in_plane for j in some), weights, motion.time)
             out_of_plane = summed((terms[j].out_of_plane for j in some), weights, motion.time)
             found.append(motion.to_body(in_plane, out_of_plane))
         return found[0], found[1]
-
-    @cached_property
-    def _always(self) -> frozenset[str]:
-        """Mechanisms that are part of every hypothesis: the baseline, and what tolerances of the vehicle bound."""
-        own, flight = (StaticMoment.name, PitchDamping.name), self.reconstruction.flight
-        return frozenset(
-            name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
-        )
 
     @cached_property
     def _weights(self) -> list[FloatArray]:

@@ -11,10 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from brv_hypo.comparison import CompareConfig, compare
 from brv_hypo.identification.identify import _HELD, _loose_knots, _stale
 from brv_hypo.identification.parameters import averaged, kink, on_grid, placed
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import TimeBasis
+from tests.flights import flown
+from tests.harness.invariance.changes import shifted
 
 STEP = 0.05
 NODES = np.arange(0.0, 2.0 + STEP / 2, STEP)
@@ -133,3 +136,18 @@ def test_the_least_known_knots_are_fixed_where_a_search_stalls(status: str, erro
     found: Any = SimpleNamespace(status=status, std_error=dict(zip("ab", errors, strict=True)))
     assert _loose_knots(problem, found) == loose
     assert "determine" not in _HELD
+
+
+@pytest.mark.thorough
+def test_the_likelihood_knows_no_origin_of_time() -> None:
+    """Days after the clock's zero, differences by a knot were steps of seconds: estimates off by 4 standard errors."""
+    flight, days = flown("research_cone", "lag").flight, 304512.0
+    (before, after) = (
+        compare([each], CompareConfig(mechanisms=("lag",))).ranking[0].ml for each in (flight, shifted(flight, days))
+    )
+    assert before is not None
+    assert after is not None
+    for one, other in zip((*before.terms, *before.derived), (*after.terms, *after.derived), strict=True):
+        later = days if one.name.endswith("knot") else 0.0
+        assert other.value - later == pytest.approx(one.value, abs=0.01 * one.std_error)
+        assert other.std_error == pytest.approx(one.std_error, rel=1e-3)

@@ -144,8 +144,8 @@ def misses(made: Made, found: Comparison) -> dict[str, float]:
 def line(found: Outcome) -> str:
     """One flight in a line."""
     return (
-        f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.3f}: {found.outcome} "
-        f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, "
+        f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.4f} (limit {found.limit:.4f}): "
+        f"{found.outcome} {found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, "
         f"{found.seconds:.1f} s {', '.join(f'{name} {miss:.1f}' for name, miss in found.misses.items())}"
     )
 
