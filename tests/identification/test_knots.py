@@ -148,6 +148,6 @@ def test_the_likelihood_knows_no_origin_of_time() -> None:
     assert before is not None
     assert after is not None
     for one, other in zip((*before.terms, *before.derived), (*after.terms, *after.derived), strict=True):
-        later = days if one.name.endswith("knot") else 0.0
+        later = days if one.name.startswith("lag st") else 0.0
         assert other.value - later == pytest.approx(one.value, abs=0.01 * one.std_error)
         assert other.std_error == pytest.approx(one.std_error, rel=1e-3)
