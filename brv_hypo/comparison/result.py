@@ -382,8 +382,8 @@ class Series(MotionHistories):
 
 def percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
-    if 0.0 < share < 5e-5:
-        return "<0.01"
+    if share < 5e-5:
+        return "<0.01" if share > 0.0 else "0"
     return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
 
 

@@ -34,7 +34,8 @@ NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude fro
 AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
 ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
 FAR = 60.0  # s: clocks that begin further apart have another zero
-SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
+SLOWEST_FAST = 100.0  # Hz: beyond, a log of many samples is offered decimation; as it is its noise is known better
+MANY_SAMPLES = 5000  # with which a comparison takes some ten seconds
 _NOT_STATED = "not stated"  # in a doubt of units
 _NOT_CHECKED = (
     "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, "
@@ -295,7 +296,8 @@ def _written(table: ForeignTable) -> Guess:
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION]
     unsure = [f"{name}: {doubt}" for name, entry in {**channels, **vehicle}.items() for doubt in entry.unsure]
 
-    rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
+    time = table.in_si("time")
+    rate = 1.0 / float(np.median(np.diff(time)))
 
     def file_of(other: ForeignTable) -> str:
         """By its name where it lies beside the main table."""
@@ -317,7 +319,7 @@ def _written(table: ForeignTable) -> Guess:
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
         turned=bool(physics.mounting_fault(table.in_si("time"), table.tilt)),
-        rate=rate if rate > SLOWEST_FAST else None,
+        rate=rate if rate > SLOWEST_FAST and time.size > MANY_SAMPLES else None,
         unused=_unused(tables),
         flow=_flow,
         file_of=file_of,

@@ -50,7 +50,7 @@ def test_a_guess_filled_in_brings_the_record_in(tmp_path: Path, suffix: str, wri
         "battery": 12.0 - 0.01 * log["time"],
     }
     guess = guess_map(write(tmp_path / f"log.{suffix}", columns))
-    mapping = yaml.safe_load(guess.text)
+    mapping = yaml.safe_load(guess.text) | {"rate": "auto"}  # which a longer log is offered
     for name in mapping["vehicle"]:
         mapping["vehicle"][name]["value"] = np.asarray(getattr(VEHICLE, name)).tolist()
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
@@ -279,3 +279,16 @@ def test_a_position_that_no_table_gives_is_marked(tmp_path: Path) -> None:
     place = next(k for k, line in enumerate(lines) if line.startswith("  accelerometer_position"))
     assert lines[place - 1].startswith("  # MISSING: accelerometer_position: zeros are assumed")
     assert any(doubt.startswith("accelerometer_position: zeros are assumed") for doubt in guess.unsure)
+
+
+@pytest.mark.parametrize(("seconds", "offered"), [(10.0, False), (40.0, True)])
+def test_a_long_and_fast_log_alone_is_offered_another_rate(tmp_path: Path, seconds: float, offered: bool) -> None:
+    """As it is, its noise is known better, and nothing is filtered."""
+    time = np.arange(0.0, seconds, 0.005)
+    columns = {"VTRUE_FPS": 4000.0 - time, "HBARO_FT": 9e4 - 100.0 * time, "TIME_S": time, "P_DPS": 300.0 + time}
+    text = guess_map(write_csv(tmp_path / "log.csv", columns)).text
+    assert ("rate: auto" in text) is offered
+    assert {name: channels_of(text)[name]["units"] for name in ("velocity", "altitude")} == {
+        "velocity": "ft/s",
+        "altitude": "ft",
+    }
