@@ -279,9 +279,9 @@ class Tried:
         return falls and self.score >= HELD_OUT_SIGMAS
 
     @property
-    def is_established(self) -> bool:
-        """Whether it has a name that the evidence clearly wants beside all processes."""
-        return self.candidate.kind != "discovered" and self.gain >= SPECIFIC
+    def is_wanted(self) -> bool:
+        """Whether the evidence clearly wants it beside all processes."""
+        return self.gain >= SPECIFIC
 
     @cached_property
     def elsewhere(self) -> float | None:

@@ -288,7 +288,7 @@ def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], be
             doubts.append("one flight establishes no description in generic terms")
         if rests_on_hints(earlier):
             doubts.append("it rests on an earlier hint")
-    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
+    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_wanted else [])
     reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
     return Step(
         step=number,
