@@ -81,10 +81,7 @@ class Tilt:
         """The smallest turn (3, 3) of what the unit reads that brings the nose to x."""
         from scipy.spatial.transform import Rotation
 
-        axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        if (size := float(np.linalg.norm(axis))) <= 1e-9:
-            axis, size = np.array([0.0, 0.0, 1.0]), 1.0  # reversed: about z
-        return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
+        return np.asarray(Rotation.align_vectors([[1.0, 0.0, 0.0]], [self.nose])[0].as_matrix())
 
 
 def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:

@@ -37,7 +37,6 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
-    propagated_crossflow,
     transverse_axes,
     wind_direction,
     wind_to_body,
@@ -221,7 +220,7 @@ class LinearisedFlight:
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
         """Each record with its crossflow (n,) had the motion started there."""
         return [
-            (record, self.crossflow + (propagated_crossflow(record, start) - self._open_loop))
+            (record, self.crossflow + (body_crossflow(record, wind_direction(record, start)) - self._open_loop))
             for record, start in moved
         ]
 
