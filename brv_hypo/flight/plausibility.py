@@ -235,10 +235,8 @@ def fitted_slopes(
     rows = np.concatenate([table.real, table.imag])
     count = 2 * len(nuisances)
     norms = np.linalg.norm(rows, axis=0)
-    scaled = rows / np.where(norms > 0.0, norms, 1.0)
-    basis, values, _ = np.linalg.svd(scaled[:, :count], full_matrices=False)
-    basis = basis[:, values > 1e-8 * max(float(values[0]), 1e-300)]
-    rest = scaled[:, count:] - basis @ (basis.T @ scaled[:, count:])
+    beside, scaled = np.split(rows / np.where(norms > 0.0, norms, 1.0), [count], axis=1)
+    rest = scaled - beside @ np.linalg.lstsq(beside, scaled, rcond=1e-8)[0]
     answer = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=1e-8)[0]
     residual = rest[:, -1] - rest[:, :-1] @ answer
     power = float(norms[-1]) ** 2

@@ -21,7 +21,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHA
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude, sensed_force
 from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, running_integral, spacing
 from brv_hypo.motion.motion import windward_meridian
-from brv_hypo.motion.signals import differentiated
+from brv_hypo.motion.signals import differentiated, smooth_channel
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
@@ -230,10 +230,8 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     flight = record.flight
     roll_rate = differentiated(flight, flight.p)
     p, p_change = roll_rate.value.real, roll_rate.rate.real
-    axial, velocity, pressure = (
-        differentiated(flight, channel).value.real
-        for channel in (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
-    )
+    smooth = (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
+    axial, velocity, pressure = (smooth_channel(flight, channel) for channel in smooth)
     rate, change = record.transverse_rate, record.rate_change
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
     ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, flight.vehicle.accelerometer_position)).T
