@@ -26,6 +26,7 @@ from brv_hypo.comparison.with_processes import (
     along_delays,
     in_one_region,
     level,
+    likelier,
     moved,
     plainest,
     scanned,
@@ -200,7 +201,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
     offered = [in_one_region(problem, each, null, frame) if each[0].selected else [each] for each in pairs]
-    likely = [max(some, key=level) for some in offered]
+    likely = [likelier(some) for some in offered]
     least = max(map(level, likely)) - OUT_OF_REACH
     found = [
         plainest(problem, some, null) if best[0].selected and level(best) > least else best

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.stats import chi2
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_PART, LIMIT_QUANTILE
 from brv_hypo.flight.record import Flight
@@ -30,6 +30,7 @@ _AT_ONCE = 200  # parts of regions that are made together; of more the pairs bet
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
 # Condition number of a region's information, of unit columns, above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
+_SURELY = 3.0  # standard errors beyond a bound of 0, from which a region's sign is not possible
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,9 @@ def regions(
     most: int | None = None,
 ) -> list[list[Shape]]:
     """Of each of some evidences of the same rows and terms every region between two edges, at every theta of a dense
-    grid, or of those given; `most` of each that gain most.
+    grid, or of those given; `most` of those at each that begin at once, and of those that come on over a time, which
+    gain most, the best first; beside no others, without those of
+    a sign that the mechanism cannot have.
 
     `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
@@ -218,6 +221,18 @@ def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatA
     place = np.arange(count) + 0.5
     rise = np.where(width > 0, np.clip((place - first) / np.maximum(width, 1) + 0.5, 0.0, 1.0), place > first)
     return ends, rise * (place < last)
+
+
+def _possible(mechanism: Mechanism, names: Sequence[str], estimate: FloatArray, information: FloatArray) -> BoolArray:
+    """Which estimates (regions, terms) are not surely beyond a bound of 0, which no delay makes up for."""
+    found = np.ones(len(estimate), dtype=bool)
+    if mechanism.bounds and len(estimate):
+        sigmas = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
+        for k, name in enumerate(names):
+            low, high = mechanism.bounds.get(name, (-np.inf, np.inf))
+            sign = (low == 0.0) - (high == 0.0)
+            found &= sign * estimate[:, k] > -_SURELY * sigmas[:, k]
+    return found
 
 
 def _shapes(
@@ -267,10 +282,15 @@ def _shapes(
         unit = information[kept] / np.sqrt(scale[kept, np.newaxis] * scale[kept, :, np.newaxis])
         sizes = np.linalg.eigvalsh(unit)
         kept = kept[sizes[:, 0] * _WORST_CONDITION >= sizes[:, -1]]
-        estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
+        estimate = np.asarray(np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0], dtype=float)
         peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
+        if most is not None and not evidences[0].terms.x.shape[1]:
+            possible = _possible(mechanism, [name for name, _ in names], estimate, information[kept])
+            kept, estimate, peak = kept[possible], estimate[possible], peak[possible]
         if most is not None:
-            first = np.argsort(-peak, kind="stable")[:most]
+            order = np.argsort(-peak, kind="stable")
+            gradual = ends[kept[order], 2] > 0
+            first = order[np.sort(np.concatenate([np.flatnonzero(gradual == kind)[:most] for kind in (False, True)]))]
             kept, estimate, peak = kept[first], estimate[first], peak[first]
         gram: Sequence[FloatArray | None] = [None] * kept.size
         if moments is not None:

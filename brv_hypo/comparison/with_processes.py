@@ -17,6 +17,7 @@ from operator import attrgetter
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import SPENT, Shape, even_edges, regions
 from brv_hypo.constants import SCANNED
 from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
@@ -35,6 +36,7 @@ _INFORMED = 1.0  # nats by which the data have to narrow what remains: that whic
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
+_NEAR = 30.0  # nats behind the best region, up to which one of another onset is offered too
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
@@ -72,8 +74,8 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         time = fit.frame.coefficient_time
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
-        pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
-    return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
+        pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
+    return moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs))))
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -84,6 +86,23 @@ def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArra
 def level(pair: Pair) -> float:
     """The log evidence."""
     return pair[1].level
+
+
+def likelier(pairs: Sequence[Pair]) -> Pair:
+    """The likeliest with possible values, where coming on over a time has to be clearly wanted."""
+
+    def counted(pair: Pair) -> float:
+        fit, own = pair
+        errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
+        return own.level - ONSET_TAKES_TIME * len(_onsets(fit)) - 0.5 * within_bounds(errors).bound_cost
+
+    return max(pairs, key=counted)
+
+
+def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
+    """The changes that take a time."""
+    bases = {column.time_basis for column in fit.selected}
+    return {basis for basis in bases if basis.kind == "ramp" and math.isfinite(basis.stop)}
 
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
@@ -175,7 +194,8 @@ def acting(
     hypothesis like another; without those beside which none is determined.
 
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
-    delay. The likeliest may come on over these shares of the record.
+    delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
+    processes a short region about one end may explain as much as the whole one with its onset.
     """
     offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
     several = sum(map(len, offered.values())) > WITH_ONSETS
@@ -184,13 +204,21 @@ def acting(
     for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
         tried = [(m, regions(nulls, like.frame, m, times, parts, thetas, most=1)) for m, thetas in offered.items()]
         found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
-        likely = [sorted(each, key=lambda one: -one[1].peak)[:count] for each in found]
+        ordered = [sorted(each, key=lambda one: -one[1].peak) for each in found]
+        likely = [_offered(each, count) for each in ordered]
         best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
         offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
-    beside = [(each[0], null) for each, null in zip(likely, nulls, strict=True) if each]
+    beside = [(one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
     where = [(mechanism, shape.theta, shape.region, shape.width) for (mechanism, shape), _ in beside]
     once = [one for k, one in enumerate(beside) if where[k] not in where[:k]]
     return [_between(problem, like, *one, times, null, (*nulls, *starts)) for one, null in once]
+
+
+def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tuple[Mechanism, Shape]]:
+    """So many regions, the best first, that begin at once, and as many that come on over a time, near the best."""
+    near = [one for one in ordered if ordered[0][1].peak - one[1].peak < 2.0 * _NEAR]
+    kinds = [[one for one in near if (one[1].width > 0.0) is gradual][:count] for gradual in (False, True)]
+    return [*kinds[0], *kinds[1]]
 
 
 def _between(
@@ -211,9 +239,17 @@ def _between(
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         (nearer,) = regions([null], like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
-    columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
-    return moved(problem, fitted(problem, own, columns, *starts))
+
+    def placed(shape: Shape) -> Pair:
+        return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts)
+
+    pair = moved(problem, placed(best))
+    if best.width == 0.0:
+        return pair
+    # Onsets of other widths, of which the grid has few: in an oscillating moment there are several optima.
+    other = widened(problem, moved(problem, placed(replace(best, width=0.0))))
+    return likelier([pair, other])
 
 
 def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], *starts: Evidence) -> Pair:

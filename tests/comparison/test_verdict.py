@@ -176,7 +176,7 @@ def test_the_baseline_may_be_named() -> None:
     )
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89"), (0.0123, "1"), (1e-6, "<0.01"), (0.0, "0.00")])
+@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89"), (0.0123, "1"), (1e-6, "<0.01"), (0.0, "0")])
 def test_how_much_a_name_explains_is_told_near_nothing_and_all_to_hundredths(share: float, words: str) -> None:
     assert percent(share) == words
 
