@@ -42,6 +42,7 @@ from brv_hypo.identification.parameters import (
     Structure,
     averaged,
     kink,
+    lever_force,
     of_flight,
     on_grid,
     placed,
@@ -52,7 +53,6 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated, summed
-from brv_hypo.motion.inertial import lever_force
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, effective, windward_meridian
 

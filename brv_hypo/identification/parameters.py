@@ -42,7 +42,6 @@ from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, theta_grid
-from brv_hypo.motion.inertial import lever_force
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.motion import crossflow, effective
@@ -319,6 +318,15 @@ def _force(
     force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * effective(xi)
     omega_rate = pressure * vehicle.moment_scale * moments - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
     return np.asarray(force + lever_force(vehicle.accelerometer_position, omega, omega_rate, p, rolling[rows]))
+
+
+def lever_force(
+    arm: tuple[float, float, float], omega: ComplexArray, omega_rate: ComplexArray, p: FloatArray, p_rate: FloatArray
+) -> ComplexArray:
+    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10, E11)."""
+    x, transverse = arm[0], complex(arm[1], arm[2])
+    crossed = (omega * np.conj(transverse)).imag
+    return np.asarray(x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed)
 
 
 # What the equations know of errors, measured less true: courses by these names.

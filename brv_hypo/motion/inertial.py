@@ -157,18 +157,13 @@ def arm_acceleration(
     `p` and q + i r = `rate` (n,) rad/s; `p_change`, `change` their derivatives.
     """
     x, y, z = arm
-    across = lever_force((x, y, z), rate, change, p, p_change)
-    along = ((p * rate + 1j * change) * complex(y, -z)).real - (rate.real**2 + rate.imag**2) * x
-    return np.stack([along, across.real, across.imag], axis=1)
-
-
-def lever_force(
-    arm: tuple[float, float, float], omega: ComplexArray, omega_rate: ComplexArray, p: FloatArray, p_rate: FloatArray
-) -> ComplexArray:
-    """Of that acceleration what is across the body, f_y + i f_z in m/s^2, all of any one shape."""
-    x, transverse = arm[0], complex(arm[1], arm[2])
-    crossed = (omega * np.conj(transverse)).imag
-    return np.asarray(x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed)
+    q, r, q_change, r_change = rate.real, rate.imag, change.real, change.imag
+    pq, pr, qr, pp, qq, rr = p * q, p * r, q * r, p * p, q * q, r * r
+    out = np.empty((p.size, 3))
+    out[:, 0] = -(qq + rr) * x + (pq - r_change) * y + (pr + q_change) * z
+    out[:, 1] = (pq + r_change) * x - (pp + rr) * y + (qr - p_change) * z
+    out[:, 2] = (pr - q_change) * x + (qr + p_change) * y - (pp + qq) * z
+    return out
 
 
 def sensed_force(flight: Flight) -> FloatArray:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.identification.parameters import noise_free_flights
-from brv_hypo.motion.inertial import lever_force
+from brv_hypo.identification.parameters import lever_force, noise_free_flights
 from brv_hypo.motion.inputs import smooth_inputs
 
 RNG = np.random.default_rng(3)

@@ -15,11 +15,11 @@ from brv_hypo.identification.parameters import (
     RATIO_ERROR,
     ROLL_RATE_ERROR,
     RecordErrors,
+    lever_force,
     noise_free_flights,
     of_flight,
     record_errors,
 )
-from brv_hypo.motion.inertial import lever_force
 from brv_hypo.motion.inputs import smooth_inputs
 
 
