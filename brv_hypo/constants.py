@@ -102,7 +102,6 @@ COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and 
 # beyond it (one flight has 53 of them, and beyond 3 tolerances is one in 7 of such flights); how many are named.
 BEYOND_CHANCE = 0.01
 BEYOND_NAMED = 3
-KNOWN_ERROR = 5.0  # of its sigma, from which an error of record or vehicle is mentioned beside the baseline
 FAR_BETTER = (
     0.25  # of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone
 )

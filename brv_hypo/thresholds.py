@@ -178,5 +178,6 @@ NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its o
 ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", "Kass and Raftery 1995: strong")
 MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)
 FURTHER_REGION = threshold(10.0, "nats", "a mechanism acts in a further region: twice very strong", _FLIGHTS)
+FAR_TOLERANCES = threshold(5.0, "1", "tolerances of an error beside which a cause is not established", _FLIGHTS)
 NOISE_EXCESS = threshold(1.2, "1", "a residual is no noise: its mean square over the noise's", _FLIGHTS)
 REFUSED = threshold(0.05, "1", "chance of a difference, below which a flight contradicts a frozen model", "Fisher 1925")

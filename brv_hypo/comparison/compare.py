@@ -34,7 +34,7 @@ from brv_hypo.comparison.limits import limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_better_rival, with_prediction_error
+from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_better_rival, with_far_error, with_prediction_error
 from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
@@ -152,6 +152,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
+    known["verdict"] = with_far_error(comparison.verdict, known["record_errors"])
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])

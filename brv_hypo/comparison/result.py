@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_NAMED, KNOWN_ERROR
+from brv_hypo.constants import BEYOND_NAMED
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
+from brv_hypo.thresholds import FAR_TOLERANCES, NOISE_LEVEL
 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
@@ -281,16 +282,13 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
     return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
 
 
-def known_text(errors: Sequence[RecordError]) -> str:
-    """Those that are significant and no smaller than their tolerance, in a sentence: with no mechanism named, what else
-    was there. A trim, for one, is what a body-fixed moment would be that acts throughout.
-    """
-    known = [each for each in errors if abs(each.tolerances) >= 1.0 and abs(each.value) > KNOWN_ERROR * each.std_error]
-    said = [
-        f"{each.name} {number(each.value)} ± {number(each.std_error, 2)}{'' if each.units == '1' else f' {each.units}'}"
-        for each in known[:BEYOND_NAMED]
-    ]
-    return f"With errors of record and vehicle, which every hypothesis has: {', '.join(said)}." if said else ""
+def far_beyond(errors: Sequence[RecordError]) -> str:
+    """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
+    far = [each for each in errors[:1] if abs(each.tolerances) > FAR_TOLERANCES]
+    units = "".join(f" {each.units}" for each in far if each.units != "1")
+    return "".join(
+        f"{each.name} is {number(each.value)}{units}, {abs(each.tolerances):.1f} times its tolerance" for each in far
+    )
 
 
 class SizedModel(NullIsNaN):
@@ -427,7 +425,8 @@ class Comparison(HasCharts, Result):
     def named(self) -> str:
         """What the verdict names, and whether it is a description that predicts nothing by itself; empty for none."""
         winner = self.verdict.winner or ""
-        poor = any(row.prediction_ratio > 1.0 for row in self.ranking if row.mechanism == winner != "none")
+        rows = [row for row in self.ranking if row.mechanism == winner != "none"]
+        poor = any(row.prediction_ratio > 1.0 or far_beyond(self.record_errors) for row in rows)
         return f"{hypothesis(winner)}{', a description and no established cause' if poor else ''}"
 
     def mach_at(self, time_s: float) -> float:
@@ -451,15 +450,16 @@ class Comparison(HasCharts, Result):
         if found is not None:
             share, low, high = map(percent, (found.share, *found.interval_95))
             leader = f"{self.ranking[0].mechanism} {share} % ({low} to {high} %), " if found.share else ""
-            rest = f"processes {percent(found.processes)} %, noise {percent(found.noise)} %"
+            fits = self.verdict.adequacy
+            noise = "noise" if fits is None or fits.ratio < 1.0 + NOISE_LEVEL[1] else "noise and lack of fit"
+            rest = f"processes {percent(found.processes)} %, {noise} {percent(found.noise)} %"
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if (fits := self.verdict.adequacy) is not None:
-            within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
+            within = f"The leader's residual is {fits.ratio:.2f} times what noise and tolerances explain"
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.")
-        beyond = beyond_text(self.record_errors, self.verdict.outcome)
-        lines.append(beyond or (known_text(self.record_errors) if self.verdict.winner == "none" else ""))
+        lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."

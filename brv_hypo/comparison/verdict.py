@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict, percent
+from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, RecordError, Verdict, far_beyond, percent
 from brv_hypo.constants import CREDIBLE_PROBABILITY, FAR_BETTER, OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.io.text import error_share, hypothesis
 from brv_hypo.thresholds import NOISE_LEVEL
@@ -182,7 +182,7 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-_NONE_ADEQUATE = "None of the hypotheses is adequate (possible, with noise as its residual)"
+_NONE_ADEQUATE = "None of the hypotheses is adequate"
 
 
 def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
@@ -207,11 +207,12 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
     if leader.name == NONE:
         said = f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
         made = 0.0 if verdict.explained is None else verdict.explained.processes
-        if made < PROCESSES_LARGE or not verdict.processes:
+        if made < PROCESSES_LARGE:
             return said
+        largest = next((f", {each.name} most of all," for each in verdict.processes if each.size > each.std_error), "")
         return (
-            f"{said} But the baseline lacks something: processes, {verdict.processes[0].name} most of all, make "
-            f"{percent(made)} % of what it does not explain. `brv-hypo trace` looks for what it is."
+            f"{said} But the baseline lacks something: processes{largest} make {percent(made)} % of what it does not "
+            "explain. `brv-hypo trace` looks for what it is."
         )
     return f"{leader.name} explains the moments best (probability {chance})."
 
@@ -227,6 +228,16 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
         f"({error_share(ratio)} of its error)."
     )
     return verdict.model_copy(update={"reason": said})
+
+
+def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
+    """The verdict, with what speaks against a mechanism that it names: an error of record or vehicle, the first, far
+    beyond its tolerance.
+    """
+    if verdict.winner in (None, NONE) or not (far := far_beyond(errors)):
+        return verdict
+    said = f" It is no established cause: beside it {far}. Check that first."
+    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

@@ -36,7 +36,7 @@ _INFORMED = 1.0  # nats by which the data have to narrow what remains: that whic
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
-_NEAR = 30.0  # nats behind the best region, up to which one of another onset is offered too
+_NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
@@ -208,10 +208,13 @@ def acting(
         likely = [_offered(each, count) for each in ordered]
         best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
         offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
-    beside = [(one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
-    where = [(mechanism, shape.theta, shape.region, shape.width) for (mechanism, shape), _ in beside]
-    once = [one for k, one in enumerate(beside) if where[k] not in where[:k]]
-    return [_between(problem, like, *one, times, null, (*nulls, *starts)) for one, null in once]
+    beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
+    where = [(mechanism, shape.theta, shape.region, shape.width) for mechanism, shape, _ in beside]
+    pairs: list[Pair] = []
+    for k, (mechanism, shape, null) in enumerate(beside):
+        if where[k] not in where[:k]:
+            pairs.append(_between(problem, like, mechanism, shape, times, null, (*nulls, *starts), pairs))
+    return pairs
 
 
 def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tuple[Mechanism, Shape]]:
@@ -229,8 +232,11 @@ def _between(
     times: FloatArray,
     null: Evidence,
     starts: Sequence[Evidence],
+    rivals: Sequence[Pair],
 ) -> Pair:
-    """A mechanism acting in a region between some times, its ends placed between those and moved."""
+    """A mechanism acting in a region between some times, its ends placed between those and moved; with onsets of other
+    widths too unless it is far less likely than a rival.
+    """
     frame = like.frame.with_mechanisms([mechanism])
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
     shortest = KNOT_MARGIN * SHORT_PART * np.ptp(time)
@@ -245,7 +251,7 @@ def _between(
         return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts)
 
     pair = moved(problem, placed(best))
-    if best.width == 0.0:
+    if best.width == 0.0 or any(rival[1].level > pair[1].level + _NEAR for rival in rivals):
         return pair
     # Onsets of other widths, of which the grid has few: in an oscillating moment there are several optima.
     other = widened(problem, moved(problem, placed(replace(best, width=0.0))))

@@ -151,7 +151,14 @@ def error_share(ratio: float | None) -> str:
 
 def times(*ends: float) -> str:
     """A time in a sentence, or an interval's ends, to hundredths without needless digits: 2 s, 2 to 4.25 s."""
-    return f"{' to '.join(dict.fromkeys(f'{round(end, 2):.9g}' for end in ends))} s"
+    return f"{' to '.join(dict.fromkeys(f'{end:.2f}'.rstrip('0').rstrip('.') for end in ends))} s"
+
+
+def instant(time: float, sigma: float) -> str:
+    """A time to the second digit of its standard error, however late its clock is."""
+    if not (math.isfinite(time) and math.isfinite(sigma) and sigma > 0.0):
+        return number(time, 4)
+    return f"{time:.{max(1 - math.floor(math.log10(sigma)), 0)}f}"
 
 
 def interval(region: tuple[float, float] | None) -> str:

@@ -144,16 +144,21 @@ def _predict(
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known = np.flatnonzero(np.isfinite(fixed))
-    change, difference, known_by = None, None, content.known_covariance[np.ix_(places[known], places[known])]
+    change, difference, differs = None, None, False
+    known_by = content.known_covariance[np.ix_(places[known], places[known])]
     covariance[np.ix_(known, known)] = known_by
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
         beside = beside_processes(fit, fit.model, fit.problem.rows.part)
         alone = beside.evidence([], ())
-        change = find_local_change(fixed_within(alone, columns, fixed, known_by))
         better = max(alone, beside.null, key=lambda each: each.level)
         difference = find_difference(better, columns, fixed, known_by)
+        # Beside a coefficient that differs throughout, which is no change between two times.
+        differs = difference is not None and difference.p_value < REFUSED
+        same = [k for k, j in enumerate(known) if not (differs and difference and columns[j].term == difference.term)]
+        agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
+        change = find_local_change(fixed_within(alone, columns, agreed, known_by[np.ix_(same, same)]))
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
@@ -171,7 +176,7 @@ def _predict(
         regions=_regions(data, measured, left),
         local_change=change,
         difference=difference,
-        refused=change is not None or (difference is not None and difference.p_value < REFUSED),
+        refused=change is not None or differs,
         left_out=left_out,
         own_record=here,
         reason="",

@@ -33,6 +33,7 @@ from brv_hypo.io.text import (
     error_share,
     f_ratio,
     hypothesis,
+    instant,
     interval,
     known_to,
     number,
@@ -223,7 +224,7 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
             place[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
         else:
             mach = comparison.mach_at(knot.value)
-            place |= {"time, s": known_to(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
+            place |= {"time, s": instant(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
         over = (
             NOT_A_NUMBER
             if width is None
@@ -242,6 +243,9 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     if not known or not known[0][0] - 1e-6 <= at <= known[-1][0] + 1e-6:
         return "not reached"
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
+
+
+ACTING_LONG = "Acting for a quarter of the record or longer, but not throughout as a trim does"
 
 
 def limit_blocks(comparison: Comparison) -> list[Block]:
@@ -263,7 +267,7 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
     sizes = [f"{name} {number(size, 2)}" for each in known for name, size in each.coefficients_95.items()]
     if sizes:
-        said.append(f"Acting for a quarter of the record or longer, at most: {', '.join(sizes)}.")
+        said.append(f"{ACTING_LONG}, at most: {', '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append(NOT_EXCLUDED)
     if verdict.outcome == "none adequate":

@@ -31,7 +31,7 @@ STRETCHES = 12
 ROWS = 1000
 GOOD = Fit(noise=1.0, rows=ROWS, explains=800.0)
 SIDE = "a moment that no mechanism on the list has (side moment from 2.00 s)"
-NONE_ADEQUATE = "None of the hypotheses is adequate (possible, with noise as its residual)"
+NONE_ADEQUATE = "None of the hypotheses is adequate"
 NAMES = (NONE, "lag", "sticking", "damping", "bodyfixed", "inplane")
 LEVELS = st.floats(-1e4, 1e4)
 

@@ -52,7 +52,7 @@ from tests.chains import compared_nominal, compared_sticking
 NAN = float("nan")
 EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92), processes=0.09, noise=0.04)
 ADEQUACY_AND_STABILITY = (
-    "The leader's residual is 0.9 times what noise and tolerances explain; "
+    "The leader's residual is 0.90 times what noise and tolerances explain; "
     "100 % of the repetitions give the same answer."
 )
 SENTENCE = "Of the residual of the baseline: damping 87 % (81 to 92 %), processes 9 %, noise 4 %."
