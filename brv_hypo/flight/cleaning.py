@@ -80,16 +80,15 @@ def interpolated_holds(time: FloatArray, channels: Channels) -> tuple[Channels, 
     """`channels` (n,) of stamps `time` (n,) s, those beside gyros and accelerometers that are held interpolated between
     their new values, which are those of their instants, and what was done.
     """
+    from scipy.interpolate import make_interp_spline
+
     out, faults = dict(channels), []
     for name, values in channels.items():
         new = None if name in INERTIAL_CHANNELS else find_holds(values)
         if new is not None:
-            at, known = time[new], values[new]
-            slopes = np.diff(known)[[0, -1]] / np.diff(at)[[0, -1]]
-            line = np.interp(time, at, known)  # and on along the first and the last of its slopes
-            line += slopes[0] * np.minimum(time - at[0], 0.0) + slopes[1] * np.maximum(time - at[-1], 0.0)
+            line = make_interp_spline(time[new], values[new], k=1)(time)  # and on along its first and last slopes
             out[name] = np.where(np.isfinite(values), line, np.nan)
-            rate = 1.0 / float(np.median(np.diff(at)))
+            rate = 1.0 / float(np.median(np.diff(time[new])))
             action = f"new values at {rate:.3g} Hz, held between: interpolated"
             faults.append(RecordFault.over(time, name, "held", action))
     return out, tuple(faults)

@@ -388,8 +388,7 @@ def _ignored(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) -> dict[str, Dataset]:
-    units = {name: SI[dimensions[name]] for name in values}
-    return {name: Dataset(np.asarray(value, dtype=np.float64), units[name]) for name, value in values.items()}
+    return {name: Dataset(np.asarray(value, dtype=float), SI[dimensions[name]]) for name, value in values.items()}
 
 
 def _truth_tree(truth: Mapping[str, Any]) -> Tree:
@@ -401,10 +400,9 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
             groups[name] = _truth_tree(value)
         elif isinstance(value, str):
             attributes[name] = value
-        elif isinstance(value, Dataset):
-            datasets[name] = Dataset(np.asarray(value.values), value.units)
         else:
-            datasets[name] = Dataset(np.asarray(value), SI["dimensionless"])
+            quantity = value if isinstance(value, Dataset) else Dataset(value, SI["dimensionless"])
+            datasets[name] = replace(quantity, values=np.asarray(quantity.values))
     return Tree(attributes, datasets, groups)
 
 

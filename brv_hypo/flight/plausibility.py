@@ -81,10 +81,7 @@ class Tilt:
         """The smallest turn (3, 3) of what the unit reads that brings the nose to x."""
         from scipy.spatial.transform import Rotation
 
-        axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        if (size := float(np.linalg.norm(axis))) <= 1e-9:
-            axis, size = np.array([0.0, 0.0, 1.0]), 1.0  # reversed: about z
-        return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
+        return np.asarray(Rotation.align_vectors([[1.0, 0.0, 0.0]], [self.nose])[0].as_matrix())
 
 
 def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
@@ -238,10 +235,8 @@ def fitted_slopes(
     rows = np.concatenate([table.real, table.imag])
     count = 2 * len(nuisances)
     norms = np.linalg.norm(rows, axis=0)
-    scaled = rows / np.where(norms > 0.0, norms, 1.0)
-    basis, values, _ = np.linalg.svd(scaled[:, :count], full_matrices=False)
-    basis = basis[:, values > 1e-8 * max(float(values[0]), 1e-300)]
-    rest = scaled[:, count:] - basis @ (basis.T @ scaled[:, count:])
+    beside, scaled = np.split(rows / np.where(norms > 0.0, norms, 1.0), [count], axis=1)
+    rest = scaled - beside @ np.linalg.lstsq(beside, scaled, rcond=1e-8)[0]
     answer = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=1e-8)[0]
     residual = rest[:, -1] - rest[:, :-1] @ answer
     power = float(norms[-1]) ** 2
@@ -314,11 +309,8 @@ def contradictions(
     found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
-        found += (
-            [_fall(time, forces, channels["altitude"])]
-            if {"altitude", "velocity"} & {*channels} == {"altitude"}
-            else []
-        )
+        if "altitude" in channels and "velocity" not in channels:
+            found.append(_fall(time, forces, channels["altitude"]))
         for name, (recorded, made) in gains(time, forces, channels).items():
             if not limits.GAIN_WITHIN[0] < recorded / made < limits.GAIN_WITHIN[1]:
                 unit = "m/s" if name == "velocity" else "m"

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
+from brv_hypo.flight.clock import runs
 from brv_hypo.linearisation.frame import Piece, RateFrame
 from brv_hypo.linearisation.whitening import NoiseModel, applied
 from brv_hypo.motion.inertial import InertialRecord
@@ -203,7 +204,7 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
     size = 0
     for segment, (first, last) in zip(frame.segments, frame.pieces, strict=True):
         begin = size
-        for a, b in _runs(chosen[first:last]):
+        for a, b in (run for run in runs(chosen[first:last]) if run[1] - run[0] >= HELD_OUT_SHORTEST):
             rows.append(np.arange(first + a, first + b))
             pieces.append((size, size + b - a))
             flights.append(segment.flight)
@@ -213,12 +214,6 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
     indices = np.concatenate(rows)
     ends = (tuple(pieces), tuple(levels if shared else pieces), tuple(flights))
     return Part(indices, valid[indices], *ends)
-
-
-def _runs(chosen: BoolArray) -> list[Piece]:
-    """Ranges in which all are chosen, those of few samples left out."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= HELD_OUT_SHORTEST]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
-from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid, full_grid
+from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
 # Values of histories that are made at once: 16 bytes each, several times over.
@@ -46,7 +46,7 @@ class FlightHistories:
 
     def at_once(self, count: int) -> list[slice]:
         """Of `count` unknowns so many at once that their histories (rows of the flight, some) stay small."""
-        width = max(count, 1) if self.grid.spread is None else max(1, AT_ONCE // self.grid.count)
+        width = max(count, 1) if self.grid.spread is None else max(1, AT_ONCE // self.grid.spread.shape[0])
         return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
     def all_of(self, kept: Histories) -> Histories:
@@ -276,7 +276,7 @@ def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> Decima
     """The rows of one flight that are kept."""
     span = frame.span(number)
     pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
-    return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
+    return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
 
 
 def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:

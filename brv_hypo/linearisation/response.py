@@ -37,7 +37,6 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
-    propagated_crossflow,
     transverse_axes,
     wind_direction,
     wind_to_body,
@@ -45,8 +44,8 @@ from brv_hypo.motion.inertial import (
 from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
-from brv_hypo.motion.signals import InputError, smooth_channel
+from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, noise_free, perturbed
+from brv_hypo.motion.signals import InputError
 
 Moved = TypeVar("Moved")
 
@@ -130,22 +129,7 @@ class LinearisedFlight:
 
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
-        record, flight = self.record, self.record.flight
-        modelled = self.force.at(record, self.crossflow, self.force_values)
-        noise = record.transverse_force - modelled
-        rate = record.transverse_rate
-        quiet = replace(
-            flight,
-            p=smooth_channel(flight, flight.p),
-            q=rate.real,
-            r=rate.imag,
-            ax=smooth_channel(flight, flight.ax),
-            ay=flight.ay - noise.real,
-            az=flight.az - noise.imag,
-            dynamic_pressure=smooth_channel(flight, flight.dynamic_pressure),
-            velocity=smooth_channel(flight, flight.velocity),
-        )
-        return replace(perturbed(record, [quiet])[0], transverse_rate=rate)
+        return noise_free(self.record, self.force.at(self.record, self.crossflow, self.force_values))
 
     def input_noise(self, error: InputError) -> Iterator[Histories]:
         """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
@@ -221,7 +205,7 @@ class LinearisedFlight:
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
         """Each record with its crossflow (n,) had the motion started there."""
         return [
-            (record, self.crossflow + (propagated_crossflow(record, start) - self._open_loop))
+            (record, self.crossflow + (body_crossflow(record, wind_direction(record, start)) - self._open_loop))
             for record, start in moved
         ]
 

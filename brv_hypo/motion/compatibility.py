@@ -239,8 +239,7 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
-        + _of_noise(readings.sigma["gyros"])
-        + _of_noise(readings.sigma["accelerometers"])
+        + sum(_of_noise(readings.sigma[triad]) for triad in _TRIADS)
         + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
@@ -270,8 +269,8 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
     roll = integral(time, rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega, omega_change = rates[1] + 1j * rates[2], piece.change[1] + 1j * piece.change[2]
-    arm = np.array(vehicle.accelerometer_position)
-    forces = piece.channels["accelerometers"] - arm_acceleration(rates[0], piece.change[0], omega, omega_change, arm).T
+    swing = arm_acceleration(rates[0], piece.change[0], omega, omega_change, vehicle.accelerometer_position)
+    forces = piece.channels["accelerometers"] - swing.T
     axial, force = forces[0], forces[1] + 1j * forces[2]
     path_of_gyros = integral(time, 1j * velocity * omega * turn)
     scale = pressure * vehicle.reference_area / vehicle.mass

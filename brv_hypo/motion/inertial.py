@@ -14,6 +14,7 @@ of the angular rate method (Section 3.2.1), `wind_direction` the direction of th
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,8 +109,8 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
     change = spin.rate * np.exp(-1j * spin_angle) - turning
     force, force_sigma = sensed_force(flight), np.full(flight.samples, accel_sigma)
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    if np.any(arm):
+    arm = flight.vehicle.accelerometer_position
+    if any(arm):
         p_change = differentiated(flight, flight.p).rate.real
         force = force - arm_acceleration(flight.p, p_change, rate, change, arm)
         gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
@@ -149,7 +150,7 @@ def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
 
 
 def arm_acceleration(
-    p: FloatArray, p_change: FloatArray, rate: ComplexArray, change: ComplexArray, arm: FloatArray
+    p: FloatArray, p_change: FloatArray, rate: ComplexArray, change: ComplexArray, arm: Iterable[float]
 ) -> FloatArray:
     """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 at `arm` (3,) m from the c.g. (errata E10, E11).
 
@@ -187,20 +188,16 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     return _matrices(*_running_product(*_quaternions(coning, steps)))
 
 
-def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
-    """De-rolled axes (n, ..., 3, 3) turned on by the roll angle (n, ...): the body's."""
-    cosine, sine = np.cos(roll)[..., np.newaxis], np.sin(roll)[..., np.newaxis]
-    second, third = derolled[..., 1], derolled[..., 2]
-    return np.stack([derolled[..., 0], second * cosine + third * sine, third * cosine - second * sine], axis=-1)
-
-
 def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
 
     `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.
     """
     roll = running_integral(time, p)
-    return roll, rolled(derolled_attitude(time, transverse_rate * np.exp(1j * roll)), roll)
+    turn = np.exp(1j * roll)
+    first, second, third = np.moveaxis(derolled_attitude(time, transverse_rate * turn), -1, 0)
+    cosine, sine = turn.real[..., np.newaxis], turn.imag[..., np.newaxis]
+    return roll, np.stack([first, second * cosine + third * sine, third * cosine - second * sine], axis=-1)
 
 
 def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -271,25 +268,14 @@ def gravity_size(flight: Flight) -> float:
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
+    speed = record.flight.velocity
     if forces:
-        velocity = _velocity(record, start)
+        pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+        velocity = _at_airspeed(pulled, speed)
     else:
-        turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
+        turned = running_integral(record.time, start.gravity / speed[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
-
-
-def propagated_crossflow(record: InertialRecord, start: WindStart) -> ComplexArray:
-    """Open-loop crossflow (n,) of a record from a start."""
-    velocity = _velocity(record, start)
-    return np.asarray(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
-
-
-def _velocity(record: InertialRecord, start: WindStart) -> FloatArray:
-    """Velocity (n, 3) m/s relative to the air in the axes of the first sample."""
-    speed = record.flight.velocity
-    pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
-    return _at_airspeed(pulled, speed)
 
 
 def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:

@@ -69,15 +69,14 @@ def _smoothed(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, t
         noise = white_noise_level(flight.p, flight.segments)
         roll_rate = Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
     # About an arm the sensed force turns with the body, as large as the drag where that spins.
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    force = sensed_force(flight)
-    if np.any(arm):
+    arm, force = flight.vehicle.accelerometer_position, sensed_force(flight)
+    if any(arm):
         omega = motion.q + 1j * motion.r
         roll_change, change = (np.gradient(values, flight.time) for values in (roll_rate.values, omega))
         force = force - arm_acceleration(roll_rate.values, roll_change, omega, change, arm)
     speed = smooth_speed(flight, force, reconstruction.crossflow)
-    lifted = _lifted(flight, force, reconstruction.gravity_body, *_derolled(reconstruction, roll_rate.values))
-    density = log_density(flight, speed, scale_heights_risen(flight, lifted))
+    axes = _derolled(reconstruction, roll_rate.values)
+    density = log_density(flight, speed, _scale_heights_risen(flight, force, reconstruction.gravity_body, *axes))
     pressure = replace(density, values=np.exp(density.values) * speed**2)
     if not follows(flight.velocity, speed, flight) or not follows(flight.dynamic_pressure, pressure.values, flight):
         filtered = with_smooth_air(flight)
@@ -133,24 +132,20 @@ def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatAr
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def _lifted(flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray) -> FloatArray:
-    """Height (n,) m by which the `force` (n, 3) across the axis has raised the vehicle: a coning body flies a helix.
+def _scale_heights_risen(
+    flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray
+) -> FloatArray:
+    """Scale heights (n,) of the density by which the `force` (n, 3) across the axis has raised the vehicle.
 
-    Zero where the direction of gravity is not known.
+    A coning body flies a helix. Zero where the direction of gravity, or the altitude, is not known.
     """
     pull = float(np.linalg.norm(gravity))
-    if not pull > 0.0:
+    if not pull > 0.0 or flight.altitude is None or not np.all(np.isfinite(flight.altitude)):
         return np.zeros(flight.samples)
     down = axes @ (gravity / pull)
     across = (force[:, 1] + 1j * force[:, 2]) * np.exp(1j * roll)
     upward = -(across.real * down[:, 1] + across.imag * down[:, 2])
-    return running_integral(flight.time, running_integral(flight.time, upward))
-
-
-def scale_heights_risen(flight: Flight, height: FloatArray) -> FloatArray:
-    """A height (n,) m in scale heights of the density; zero where the record holds no altitude to tell them."""
-    if flight.altitude is None or not np.all(np.isfinite(flight.altitude)):
-        return np.zeros_like(height)
+    height: FloatArray = running_integral(flight.time, running_integral(flight.time, upward))
     density = np.log(np.maximum(smoothed(flight.dynamic_pressure / flight.velocity**2).values, 1e-300))
     rate = np.gradient(smoothed(flight.altitude).values)
     fall = float(rate @ np.gradient(density) / (rate @ rate)) if np.any(rate) else 0.0

@@ -196,9 +196,8 @@ def turning(meridian_rate: FloatArray, roll_rate: FloatArray, step: float) -> fl
 
 @dataclass(frozen=True)
 class DecimatedGrid:
-    """Which of `count` samples are kept (m,), and what makes all of them of these (n, m); None where all are kept."""
+    """Which samples are kept (m,), and what makes all of them of these (n, m); None where all are kept."""
 
-    count: int
     which: IntArray
     spread: sparse.csr_array | None = None
 
@@ -218,18 +217,13 @@ class DecimatedGrid:
         return applied(self.spread[rows], kept)
 
 
-def full_grid(count: int) -> DecimatedGrid:
-    """All samples kept."""
-    return DecimatedGrid(count, np.arange(count))
-
-
 def decimated_grid(pieces: Sequence[tuple[int, int]], stride: int) -> DecimatedGrid:
     """About every `stride`-th sample of each piece [a, b), which follow each other, its ends left out; all of short
     records and pieces.
     """
-    count = pieces[-1][1]
+    count = pieces[-1][1] if pieces else 0
     if count <= _MOST_KEPT or stride < 2:
-        return full_grid(count)
+        return DecimatedGrid(np.arange(count))
     end, which, spreads = min(_END, stride // 8), [], []
     for a, b in pieces:
         own = np.arange(b - a)
@@ -237,4 +231,4 @@ def decimated_grid(pieces: Sequence[tuple[int, int]], stride: int) -> DecimatedG
             own = np.round(np.linspace(end, own.size - 1 - end, -(-own.size // stride))).astype(np.int64)
         which.append(a + own)
         spreads.append(lagrange(own.astype(float), np.arange(b - a, dtype=float)))
-    return DecimatedGrid(count, np.concatenate(which), sparse.csr_array(sparse.block_diag(spreads, format="csr")))
+    return DecimatedGrid(np.concatenate(which), sparse.csr_array(sparse.block_diag(spreads, format="csr")))

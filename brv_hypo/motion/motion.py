@@ -95,7 +95,7 @@ def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
 
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
-    *("velocity", "dynamic_pressure", "mach", "reynolds"),
+    *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
 )
 """Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
 
@@ -223,8 +223,7 @@ class _Past:
     @cached_property
     def _smooth(self) -> tuple[str, ...]:
         """The quantities that are interpolated as they are; one that is not known everywhere is taken for constant."""
-        names = (*SMOOTH, "in_plane_moment")
-        return tuple(name for name in names if np.all(np.isfinite(getattr(self.motion, name))))
+        return tuple(name for name in SMOOTH if np.all(np.isfinite(getattr(self.motion, name))))
 
     @cached_property
     def _spline(self) -> CubicSpline:
@@ -290,7 +289,10 @@ def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArr
     found: list[FloatArray] = []
     begin, end, low, high = time[:-1], time[1:], xi[:-1], xi[1:]
     for _ in range(NODE_HALVINGS):
-        way, least = np.abs(high - low), _least_distance(low, high)
+        way = np.abs(high - low)
+        # The least distance from zero on the straight way from one to the other.
+        share = np.clip((np.conj(low - high) * low).real / np.maximum(way**2, 1e-300), 0.0, 1.0)
+        least = np.abs(low + share * (high - low))
         most = np.maximum(np.abs(low), np.abs(high))
         wound = delay * way / (end - begin) * (1.0 / np.maximum(least, 1e-300) - least / np.maximum(most, 1e-300) ** 2)
         far = (way > NODE_TURN * least) | (wound > NODE_WOUND)
@@ -305,22 +307,13 @@ def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArr
     return np.concatenate([np.zeros(0), *found])
 
 
-def _least_distance(low: ComplexArray, high: ComplexArray) -> FloatArray:
-    """Least distance from zero of the straight ways (n,) from one number to another."""
-    way = high - low
-    size = np.maximum(np.abs(way) ** 2, 1e-300)
-    share = np.clip(-(np.conj(way) * low).real / size, 0.0, 1.0)
-    return np.asarray(np.abs(low + share * way), dtype=float)
-
-
 def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
     """The motion at the nodes, able to tell its past; itself where these are its samples."""
     if nodes.spread is None:
         return motion
     xi = crossflow(motion.alpha, motion.windward_meridian)
     there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
-    smooth = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment")
-    read = {name: getattr(motion, name) for name in (*smooth, "roll_acceleration", "axial_share", "common_time")}
+    read = {name: getattr(motion, name) for name in (*SMOOTH, "roll_acceleration", "axial_share", "common_time")}
     found: dict[str, Any] = {name: None if values is None else nodes.of(values) for name, values in read.items()}
     meridian = np.unwrap(windward_meridian(there))
     moved = replace(motion, time=nodes.time, windward_meridian=meridian, history=None, **found)

@@ -93,13 +93,6 @@ def error_of_differentiation(record: InertialRecord) -> FloatArray:
     return np.asarray(np.hypot(record.rate_noise, record.spin_rate.rate_bias) / np.abs(record.moment_scale))
 
 
-def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:
-    """C_m0 + C_malpha alpha (n,) fitted to the in-plane moment by weighted least squares."""
-    root = np.sqrt(weight)
-    columns = np.column_stack([np.ones_like(alpha), alpha])
-    return np.asarray(columns @ np.linalg.lstsq(columns * root[:, None], in_plane * root, rcond=None)[0])
-
-
 def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared.
 
@@ -258,6 +251,8 @@ def reconstruct(
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))
     clock = float(flight.instruments.time_skew[0]) if perturbations else 0.0
+    fit = wind.effects
+    found = zip(fit.responses.effects, fit.value, np.sqrt(np.diag(fit.covariance)), strict=True)
     meridian_sigma = np.hypot(wind.phi_w_sigma, motion.windward_meridian_rate * clock)
     return Reconstruction(
         flight=flight,
@@ -272,7 +267,10 @@ def reconstruct(
         normal_force_bend=wind.normal_force_bend,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
-        effects=_estimates(wind.effects),
+        effects=tuple(
+            EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(sigma))
+            for e, value, sigma in found
+        ),
         corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
@@ -285,7 +283,9 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
     alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
     in_plane = plane_from_body(moments.body, meridian).real
-    weight = np.where(moments.usable, 1.0 / moments.noise_sigma**2, 0.0)
+    # C_m0 + C_malpha alpha, fitted to it by weighted least squares.
+    weight, line = np.where(moments.usable, 1.0 / moments.noise_sigma, 0.0), np.vander(alpha, 2)
+    static = line @ np.linalg.lstsq(line * weight[:, None], in_plane * weight, rcond=None)[0]
     unknown = np.full(flight.samples, np.nan)
     return Motion(
         time=flight.time,
@@ -300,19 +300,10 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         dynamic_pressure=flight.dynamic_pressure,
         mach=unknown if flight.mach is None else flight.mach,
         reynolds=unknown if flight.reynolds is None else flight.reynolds,
-        in_plane_moment=static_in_plane(in_plane, alpha, weight),
+        in_plane_moment=np.asarray(static),
         reference_length=flight.vehicle.reference_length,
         roll_acceleration=np.gradient(flight.p, flight.time),
         axial_share=axial_share(record, alpha),
-    )
-
-
-def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
-    """What is known of each error, in its units."""
-    sigma = np.sqrt(np.diag(fit.covariance))
-    return tuple(
-        EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(error))
-        for e, value, error in zip(fit.responses.effects, fit.value, sigma, strict=True)
     )
 
 

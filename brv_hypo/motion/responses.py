@@ -18,10 +18,10 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude
-from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
+from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude, sensed_force
+from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, running_integral, spacing
 from brv_hypo.motion.motion import windward_meridian
-from brv_hypo.motion.signals import differentiated
+from brv_hypo.motion.signals import differentiated, smooth_channel
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
@@ -98,7 +98,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing
     """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
     before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
     if _differ(flight, before, ACCELEROMETERS):
-        force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in ACCELEROMETERS], axis=1)
+        force = force + (sensed_force(flight) - sensed_force(before))
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
         force = force + swing
         force -= _swing(moved, flight)
@@ -110,8 +110,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing
 
 def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
     """Acceleration (n, 3) m/s^2 that the declared arm of a flight makes of a record's rates."""
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    p_change = np.gradient(flight.p, flight.time)
+    p_change, arm = np.gradient(flight.p, flight.time), flight.vehicle.accelerometer_position
     return arm_acceleration(flight.p, p_change, record.transverse_rate, record.rate_change, arm)
 
 
@@ -160,9 +159,9 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
-    nothing = np.zeros((record.time.size, 0))
-    drift, unchanged = np.zeros((record.time.size, 3, 0)), nothing.astype(complex)
-    return EffectResponses((), full_grid(record.time.size), drift, unchanged, nothing, unchanged)
+    n = record.time.size
+    unchanged = np.zeros((n, 0), dtype=complex)
+    return EffectResponses((), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), unchanged, unchanged.real, unchanged)
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
@@ -192,7 +191,7 @@ def effect_responses(
     if not effects:
         return no_responses(record)
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
-    width = max(1, AT_ONCE // kept.count)
+    width = max(1, AT_ONCE // record.time.size)
     drift = np.empty((kept.size, 3, len(effects)))
     forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
     for first in range(0, len(effects), width):
@@ -231,14 +230,11 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     flight = record.flight
     roll_rate = differentiated(flight, flight.p)
     p, p_change = roll_rate.value.real, roll_rate.rate.real
-    axial, velocity, pressure = (
-        differentiated(flight, channel).value.real
-        for channel in (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
-    )
+    smooth = (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
+    axial, velocity, pressure = (smooth_channel(flight, channel) for channel in smooth)
     rate, change = record.transverse_rate, record.rate_change
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
+    ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, flight.vehicle.accelerometer_position)).T
     channels = {"p": p, "q": rate.real, "r": rate.imag, "ax": ax, "ay": ay, "az": az}
     quiet = replace(flight, **channels, velocity=velocity, dynamic_pressure=pressure)
     roll, attitude = body_attitude(record.time, p, rate)

@@ -12,13 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
-from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 from scipy.signal import oaconvolve
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.record import Flight
+from brv_hypo.motion.interpolation import time_splines
 
 NOISE_STILL = 0.5  # share of a channel's steps that are none, from which its rounding is its noise
 DERIVATIVE_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
@@ -320,8 +320,7 @@ class InputError:
 
     def shapes(self, time: FloatArray) -> FloatArray:
         """The shapes (count, n) at times (n,) s."""
-        place = np.clip((time - self.span[0]) / (self.span[1] - self.span[0]), 0.0, 1.0)
-        return np.asarray((_splines(place, self.scale.shape[0]) @ self.scale).T, dtype=float)
+        return np.asarray((time_splines(time, *self.span, self.scale.shape[0]) @ self.scale).T, dtype=float)
 
 
 def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
@@ -359,7 +358,8 @@ def unsmoothed(n: int, sigma: float) -> FloatArray:
 
 def _splines_through(n: int) -> FloatArray:
     """Cubic splines (n, coefficients) that can follow what is smooth in n samples."""
-    return _splines(np.linspace(0.0, 1.0, n), min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3)
+    intervals = min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1))
+    return time_splines(np.linspace(0.0, 1.0, n), 0.0, 1.0, intervals + 3)
 
 
 def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -376,9 +376,3 @@ def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
     _, size, turned = np.linalg.svd(solve_triangular(triangle, penalty.T, lower=True).T)
     rough = np.concatenate([np.zeros(SMOOTH_ORDER), size[::-1] ** 2])
     return rough, np.asarray(solve_triangular(triangle, turned[::-1].T, lower=True, trans="T"), dtype=float)
-
-
-def _splines(place: FloatArray, count: int) -> FloatArray:
-    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and three more on each side."""
-    knots = np.arange(-3, count + 1) / (count - 3)
-    return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.motion.inertial import WindStart, inertial_record, propagated_crossflow, wind_direction
+from brv_hypo.motion.inertial import WindStart, body_crossflow, inertial_record, wind_direction
 from brv_hypo.motion.methods import ReconstructionConfig
 from tests.motion.truth import CONE, Truth, observe
 
@@ -38,5 +38,5 @@ def test_a_wind_along_the_track_turns_nothing_of_itself(truths: dict[str, Truth]
     turned = np.linalg.norm(expected - start.direction, axis=1).max()
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-4 * turned)
     body = record.to_body(expected)
-    xi = propagated_crossflow(record, start)
+    xi = body_crossflow(record, found)
     np.testing.assert_allclose(xi, body[:, 1] + 1j * body[:, 2], rtol=0.0, atol=2e-4 * turned)

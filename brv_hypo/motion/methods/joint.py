@@ -433,31 +433,21 @@ def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_fa
 def _with_force(
     problem: RandomWalkSmoother, measurement: MeasurementModel, near: StartingPoint | None, left: float
 ) -> SmoothedMotion:
-    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over, `left` times
-    itself to begin with.
-    """
-    fit = _slope_under_noise(problem, measurement, near, left)
-    residual = fit.residual
-    clean = np.abs(residual) <= FORCE_OUTLIER * np.sqrt(2.0) * measurement.sigma * max(
-        _misfit(residual, measurement.sigma), 1.0
-    )
-    sigma = np.where(clean, measurement.sigma, np.inf) * max(_misfit(residual[clean], measurement.sigma[clean]), 1.0)
-    return problem.solve((replace(fit.measurements[-1], sigma=sigma),), fit.near)
+    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left.
 
-
-def _slope_under_noise(
-    problem: RandomWalkSmoother, measurement: MeasurementModel, near: StartingPoint | None, left: float
-) -> SmoothedMotion:
-    """The slope chosen under the noise that it leaves, which may be louder than that of neighbouring samples.
-
-    It is chosen again where it leaves far less than was taken for noise.
+    The slope is chosen under the noise that it leaves, `left` times that of neighbouring samples to begin with, and
+    again where it leaves far less than was taken for noise.
     """
     while True:
         fit = _choose_slope(problem, (), replace(measurement, sigma=left * measurement.sigma), near)
         less = max(_misfit(fit.residual, measurement.sigma), 1.0)
         if less > FORCE_FAR_LESS * left:
-            return fit
+            break
         near, left = fit.near, less
+    residual = fit.residual
+    clean = np.abs(residual) <= FORCE_OUTLIER * np.sqrt(2.0) * measurement.sigma * less
+    sigma = np.where(clean, measurement.sigma, np.inf) * max(_misfit(residual[clean], measurement.sigma[clean]), 1.0)
+    return problem.solve((replace(fit.measurements[-1], sigma=sigma),), fit.near)
 
 
 def _with_moment(
