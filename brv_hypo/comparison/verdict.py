@@ -19,6 +19,7 @@ from brv_hypo.thresholds import NOISE_LEVEL
 OTHER = "other"
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes stand for something
 NONE = "none"
+NO_CAUSE = "is no established cause"
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,7 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     chance = _share(verdict.probability[verdict.winner])
     said = (
         f"{verdict.winner} describes the moments best (probability {chance}), when and in which plane they changed, "
-        "but is no established cause: without processes it predicts held-out blocks no better than the baseline "
+        f"but {NO_CAUSE}: without processes it predicts held-out blocks no better than the baseline "
         f"({error_share(ratio)} of its error)."
     )
     return verdict.model_copy(update={"reason": said})
@@ -236,8 +237,8 @@ def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
     """
     if verdict.winner in (None, NONE) or not (far := far_beyond(errors)):
         return verdict
-    said = f" It is no established cause: beside it {far}. Check that first."
-    return verdict.model_copy(update={"reason": verdict.reason + said})
+    cause = "" if NO_CAUSE in verdict.reason else f" It {NO_CAUSE}."
+    return verdict.model_copy(update={"reason": f"{verdict.reason}{cause} Beside it, {far}: check that first."})
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Explained, ProcessEstimate, Verdict, percent
+from brv_hypo.comparison.result import Explained, ProcessEstimate, RecordError, Verdict, percent
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
@@ -22,6 +22,7 @@ from brv_hypo.comparison.verdict import (
     judge,
     probabilities,
     with_better_rival,
+    with_far_error,
     with_prediction_error,
 )
 from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
@@ -457,3 +458,19 @@ def test_the_order_of_the_list_is_nothing(order: list[int], levels: list[float])
     one, other = judge(listed, [], GOOD), judge([listed[k] for k in order], [], GOOD)
     assert one.probability == pytest.approx(other.probability)
     assert (one.outcome, one.winner, set(one.equivalent)) == (other.outcome, other.winner, set(other.equivalent))
+
+
+def test_an_error_far_beyond_its_tolerance_speaks_against_a_cause_once() -> None:
+    named = said(candidate("lag", 0.0), candidate(NONE, -30.0))
+    near, far = (
+        RecordError(name="accel_position x", value=0.01 * times, std_error=0.001, units="m", tolerance=0.01)
+        for times in (4.9, 8.8)
+    )
+    assert with_far_error(named, (near,)) == named
+    reason = with_far_error(named, (far,)).reason
+    assert reason.endswith(
+        " It is no established cause. Beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
+    )
+    assert with_far_error(with_prediction_error(named, 1.3), (far,)).reason.count("no established cause") == 1
+    null = said(candidate(NONE, 0.0), candidate("lag", -8.0))
+    assert with_far_error(null, (far,)) == null
