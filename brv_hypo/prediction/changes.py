@@ -20,7 +20,7 @@ from scipy import stats
 from scipy.linalg import orth
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.limits import Shape, regions, scale_variance
+from brv_hypo.comparison.limits import Shape, regions
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism, Term
@@ -117,7 +117,6 @@ def find_difference(
     """The frozen coefficient whose release improves the agreement most.
 
     `fixed` (columns,) are frozen values, NaN where there is none, `covariance` (fixed columns, fixed columns) theirs.
-    Pressure and inertia of both flights, of whose errors neither covariance has all, scale every coefficient alike.
     """
     known = np.flatnonzero(~np.isnan(fixed))
     lasting = [k for k, j in enumerate(known) if " drift " not in columns[j].term]  # by one flight's time or speed
@@ -126,7 +125,6 @@ def find_difference(
         return None
     difference = own.values[known] - fixed[known]
     whole = own.covariance[np.ix_(known, known)] + covariance
-    whole = whole + 2.0 * scale_variance(own.rows.problem) * np.outer(fixed[known], fixed[known])
     sigmas = np.sqrt(np.diag(whole))
     inverse = np.linalg.pinv(whole / np.outer(sigmas, sigmas), rcond=_KNOWN, hermitian=True)
     weights = np.sqrt(np.diag(inverse))

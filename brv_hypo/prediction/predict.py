@@ -24,6 +24,7 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.constants import (
     BAND_FREQUENCIES,
@@ -153,12 +154,15 @@ def _predict(
         beside = beside_processes(fit, fit.model, fit.problem.rows.part)
         alone = beside.evidence([], ())
         better = max(alone, beside.null, key=lambda each: each.level)
-        difference = find_difference(better, columns, fixed, known_by)
+        # Pressure and inertia of both flights, of whose errors neither covariance has all, scale coefficients alike.
+        shared = 2.0 * scale_variance(fit.problem) * np.outer(fixed[known], fixed[known])
+        difference = find_difference(better, columns, fixed, known_by + shared)
         # Beside a coefficient that differs throughout, which is no change between two times.
         differs = difference is not None and difference.p_value < REFUSED
         same = [k for k, j in enumerate(known) if not (differs and difference and columns[j].term == difference.term)]
         agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
-        change = find_local_change(fixed_within(alone, columns, agreed, known_by[np.ix_(same, same)]))
+        within_both = (known_by + shared)[np.ix_(same, same)]
+        change = find_local_change(fixed_within(alone, columns, agreed, within_both))
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)

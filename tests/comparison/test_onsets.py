@@ -17,6 +17,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from tests.chains import judged_cone
 from tests.comparison.pulse import fitted, problem
 from tests.studies.independent.flights import Made, make_flight
+from tests.studies.independent.imperfect_study import drawn_flight
 
 FLOWN = [("cone", "sticking", 13), ("biconic", "damping", 12), ("slender", "lag", 14)]
 
@@ -47,6 +48,19 @@ def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
     _, found = compared(vehicle, truth, seed, ())
     assert found.verdict.winner == truth
     assert not [each for each in found.ranking[0].derived if "onset width" in each.name]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [11, 26])
+def test_processes_do_not_stand_for_an_onset(number: int) -> None:
+    """They and a jump at its end described it as the opposite moment after it, 25 to 110 nats less likely."""
+    made, _, _ = drawn_flight(904000 + number, number, "tactical", "all")
+    planted = made.true.planted
+    found = compare([made.flight], CompareConfig(mechanisms=(made.truth,), maximum_likelihood="none"))
+    (row,) = [each for each in found.ranking if each.mechanism == made.truth]
+    begins, full, ends = (each.start_s for each in row.intervals[1:])
+    assert begins < planted.start < full + 0.1
+    assert ends == pytest.approx(planted.stop, abs=0.02)
 
 
 def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:

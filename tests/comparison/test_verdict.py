@@ -468,9 +468,8 @@ def test_an_error_far_beyond_its_tolerance_speaks_against_a_cause_once() -> None
     )
     assert with_far_error(named, (near,)) == named
     reason = with_far_error(named, (far,)).reason
-    assert reason.endswith(
-        " It is no established cause. Beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
-    )
+    beside = "Beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
+    assert reason.endswith(f" It is no established cause. {beside}")
     assert with_far_error(with_prediction_error(named, 1.3), (far,)).reason.count("no established cause") == 1
     null = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert with_far_error(null, (far,)) == null

@@ -95,6 +95,24 @@ def changed(traced: Trace) -> Prediction:
     return predict(simulate(config, seed=5).flight, traced.model.definition, ("trim",))
 
 
+@pytest.mark.thorough
+def test_pressure_and_inertia_of_two_flights_contradict_no_model() -> None:
+    """5 of 6 sisters with errors drawn at the tolerances were refused for a coefficient 1 % off, p to 1e-7."""
+
+    def flown_with(slope: float, seed: int) -> Flight:
+        magnus = {"mechanism": "magnus", "terms": {"C_npalpha": slope}}
+        return simulate("research_cone", seed=seed, mechanisms=[magnus], instruments={"draw": 1}).flight
+
+    model = trace(flown_with(-4.0, 90700), effects=["magnus"], discover=False)
+    for seed in (90711, 90714, 90715):
+        assert not predict(flown_with(-4.0, seed), model).refused
+    other = predict(flown_with(-4.4, 90721), model)
+    assert other.refused
+    assert other.difference is not None
+    assert other.difference.term == "C_npalpha"
+    assert other.local_change is None  # what differs throughout differs at no place
+
+
 def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
     change = changed.local_change
     assert change is not None
