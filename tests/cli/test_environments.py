@@ -30,9 +30,9 @@ QUICKLY = {"env PYTHONIOENCODING=ascii {}"}
 THOROUGH = {
     STREAMS[1],
     *STREAMS[::2],
-    *LINES[::9],
+    *LINES[::18],
     "env PYTHONWARNINGS=error {}",
-}  # the slow tests have all others: each takes 3 s
+}  # the slow tests have all others: each takes 6 s
 
 
 def _when(line: str) -> pytest.MarkDecorator | tuple[()]:
