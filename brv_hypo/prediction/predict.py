@@ -156,13 +156,16 @@ def _predict(
         better = max(alone, beside.null, key=lambda each: each.level)
         # Pressure and inertia of both flights, of whose errors neither covariance has all, scale coefficients alike.
         shared = 2.0 * scale_variance(fit.problem) * np.outer(fixed[known], fixed[known])
-        difference = find_difference(better, columns, fixed, known_by + shared)
-        # Beside a coefficient that differs throughout, which is no change between two times.
+        both = known_by + shared
+        difference = find_difference(better, columns, fixed, both)
         differs = difference is not None and difference.p_value < REFUSED
-        same = [k for k, j in enumerate(known) if not (differs and difference and columns[j].term == difference.term)]
-        agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
-        within_both = (known_by + shared)[np.ix_(same, same)]
-        change = find_local_change(fixed_within(alone, columns, agreed, within_both))
+        change = find_local_change(fixed_within(alone, columns, fixed, both))
+        if change is not None and difference is not None and differs:
+            # Nothing changes between two times where nothing does beside the coefficient that differs throughout.
+            same = [k for k, j in enumerate(known) if columns[j].term != difference.term]
+            agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
+            beside_it = fixed_within(alone, columns, agreed, both[np.ix_(same, same)])
+            change = None if find_local_change(beside_it) is None else change
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
