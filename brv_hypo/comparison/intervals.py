@@ -158,6 +158,8 @@ def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     something, and not for its sign.
     """
     bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
+    if not any(bounds.values()):
+        return None
     found: list[Excess] = []
     every, fixed = ([(each, net) for each in intervals(f) for net in each.values] for f in (fit, _delays_fixed(fit)))
     for (interval, net), (_, there) in zip(every, fixed, strict=True):

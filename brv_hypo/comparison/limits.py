@@ -192,8 +192,7 @@ def regions(
 ) -> list[list[Shape]]:
     """Of each of some evidences of the same rows and terms every region between two edges, at every theta of a dense
     grid, or of those given; `most` of those at each that begin at once, and of those that come on over a time, which
-    gain most, the best first; beside no others, without those of
-    a sign that the mechanism cannot have.
+    gain most, the best first; beside no other terms, without those of a sign that the mechanism cannot have.
 
     `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """

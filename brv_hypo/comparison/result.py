@@ -263,6 +263,11 @@ class RecordError(NullIsNaN):
         """Its value in tolerances."""
         return self.value / self.tolerance
 
+    @property
+    def stated(self) -> str:
+        """Its value with units, in words."""
+        return f"{number(self.value)}{'' if self.units == '1' else f' {self.units}'}"
+
 
 def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
     """Those of all a result's errors that exceed what the largest of so many may be."""
@@ -273,22 +278,16 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
     """The largest of those in a sentence, and what they may be where none is adequate; empty where there are none."""
     beyond = beyond_tolerances(errors)
     poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
-    said = [
-        f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
-        f"({abs(each.tolerances):.1f} times)"
-        for each in beyond[:BEYOND_NAMED]
-    ]
+    said = [f"{each.name} {each.stated} ({abs(each.tolerances):.1f} times)" for each in beyond[:BEYOND_NAMED]]
     listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
     return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
 
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
-    far = [each for each in errors[:1] if abs(each.tolerances) > FAR_TOLERANCES]
-    units = "".join(f" {each.units}" for each in far if each.units != "1")
-    return "".join(
-        f"{each.name} is {number(each.value)}{units}, {abs(each.tolerances):.1f} times its tolerance" for each in far
-    )
+    far = (each for each in errors[:1] if abs(each.tolerances) > FAR_TOLERANCES)
+    said = (f"{each.name} is {each.stated}, {abs(each.tolerances):.1f} times its tolerance" for each in far)
+    return next(said, "")
 
 
 class SizedModel(NullIsNaN):

@@ -318,7 +318,7 @@ def _written(table: ForeignTable) -> Guess:
         no_position=_NO_POSITION,
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
-        turned=bool(physics.mounting_fault(table.in_si("time"), table.tilt)),
+        turned=bool(physics.mounting_fault(time, table.tilt)),
         rate=rate if rate > SLOWEST_FAST and time.size > MANY_SAMPLES else None,
         unused=_unused(tables),
         flow=_flow,
