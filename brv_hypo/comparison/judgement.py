@@ -21,6 +21,7 @@ from brv_hypo.comparison.limits import regions, scale_variance
 from brv_hypo.comparison.preparation import Settings, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
+    OUT_OF_REACH,
     Pair,
     acting,
     along_delays,
@@ -58,7 +59,6 @@ from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, SPECIFIC
 
-OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
@@ -200,7 +200,11 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
-    offered = [in_one_region(problem, each, null, frame) if each[0].selected else [each] for each in pairs]
+    offered, best = [[each] for each in pairs], max(map(level, pairs))
+    for place in sorted(range(len(pairs)), key=lambda k: -level(pairs[k])):
+        if pairs[place][0].selected:
+            offered[place] = in_one_region(problem, pairs[place], null, frame, best)
+            best = max(best, *map(level, offered[place]))
     likely = [likelier(some) for some in offered]
     least = max(map(level, likely)) - OUT_OF_REACH
     found = [

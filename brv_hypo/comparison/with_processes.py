@@ -37,6 +37,7 @@ KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most
 CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
+OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
@@ -51,18 +52,21 @@ WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is trie
 Pair = tuple[HypothesisFit, Evidence]
 
 
-def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
+def in_one_region(
+    problem: Problem, pair: Pair, null: Evidence, frame: RateFrame, best: float = -math.inf
+) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
     Beside processes as large as without it, and beside ordinary ones where those are larger: the evidence has a maximum
-    at each, and large processes may have made up for it.
+    at each, and large processes may have made up for it. `best`: the log evidence of the likeliest hypothesis so far.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.ordinary) if null.has_large_processes else (null,)
-    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
+    least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=least)]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -189,13 +193,15 @@ def acting(
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
     starts: Sequence[Evidence] = (),
+    least: float = -math.inf,
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
 
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
     delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
-    processes a short region about one end may explain as much as the whole one with its onset.
+    processes a short region about one end may explain as much as the whole one with its onset. What is below `least`
+    stays where it was placed.
     """
     offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
     several = sum(map(len, offered.values())) > WITH_ONSETS
@@ -213,7 +219,9 @@ def acting(
     pairs: list[Pair] = []
     for k, (mechanism, shape, null) in enumerate(beside):
         if where[k] not in where[:k]:
-            pairs.append(_between(problem, like, mechanism, shape, times, null, (*nulls, *starts), pairs))
+            own = replace(like, name=mechanism.name, mechanisms=(mechanism,))
+            wide = max(least, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
+            pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (least, wide)))
     return pairs
 
 
@@ -227,31 +235,32 @@ def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tup
 def _between(
     problem: Problem,
     like: HypothesisFit,
-    mechanism: Mechanism,
     best: Shape,
     times: FloatArray,
-    null: Evidence,
     starts: Sequence[Evidence],
-    rivals: Sequence[Pair],
+    least: tuple[float, float],
 ) -> Pair:
-    """A mechanism acting in a region between some times, its ends placed between those and moved; with onsets of other
-    widths too unless it is far less likely than a rival.
+    """A mechanism acting in a region between some times, its ends placed between those beside the first of `starts`,
+    and moved; with onsets of other widths too. Where it is less likely than the `least` for either, that is not tried.
     """
-    frame = like.frame.with_mechanisms([mechanism])
+    (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
     shortest = KNOT_MARGIN * SHORT_PART * np.ptp(time)
     if times.size > 2 and best.width == 0.0:
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
-        (nearer,) = regions([null], like.frame, mechanism, closer, (0,), [best.theta])
+        (nearer,) = regions(starts[:1], like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
-    own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
+    own = replace(like, frame=frame)
 
     def placed(shape: Shape) -> Pair:
-        return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts)
+        return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts[1:])
 
-    pair = moved(problem, placed(best))
-    if best.width == 0.0 or any(rival[1].level > pair[1].level + _NEAR for rival in rivals):
+    pair = placed(best)
+    if level(pair) < least[0]:
+        return pair
+    pair = moved(problem, pair)
+    if best.width == 0.0 or level(pair) < least[1]:
         return pair
     # Onsets of other widths, of which the grid has few: in an oscillating moment there are several optima.
     other = widened(problem, moved(problem, placed(replace(best, width=0.0))))

@@ -37,7 +37,7 @@ from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 # Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
 _LARGEST, _WALL = float(np.log(3.0)), 0.1
 # Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
-_SLOPE = 1e-3
+_SLOPE = 0.03
 _LARGEST_STEP = 3.0  # of all logarithms together
 
 

@@ -90,14 +90,20 @@ def _kept_grid(time: bytes) -> SplineGrid:
 def time_splines(time: FloatArray, start: float, stop: float, count: int) -> FloatArray:
     """Cubic B-splines (..., count), even over [start, stop] s, at `time` (...) s: their sum is one.
 
-    One alone is a constant. Outside of the range they are what they are at its ends.
+    One alone is a constant. Outside of the range they are what they are at its ends. Read only.
     """
-    place = np.clip((np.asarray(time, dtype=float) - start) / (stop - start), 0.0, 1.0 - 1e-12)
+    times = np.ascontiguousarray(time, dtype=float)
+    return _kept_splines(times.tobytes(), start, stop, count).reshape(*times.shape, count)
+
+
+@lru_cache(maxsize=8)
+def _kept_splines(time: bytes, start: float, stop: float, count: int) -> FloatArray:
+    place = np.clip((np.frombuffer(time) - start) / (stop - start), 0.0, 1.0 - 1e-12)
     if count == 1:
-        return np.ones((*place.shape, 1))
-    cells = count - 3
-    design = BSpline.design_matrix(cells * place.ravel(), np.arange(-3.0, count + 1.0), 3)
-    return np.asarray(design.toarray().reshape(*place.shape, count))
+        return np.ones((place.size, 1))
+    design = BSpline.design_matrix((count - 3) * place, np.arange(-3.0, count + 1.0), 3).toarray()
+    design.setflags(write=False)
+    return np.asarray(design)
 
 
 def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
