@@ -23,7 +23,7 @@ from brv_hypo.cli.session import (
 )
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
-from brv_hypo.io.mappings import YAML_ENDINGS, read_json
+from brv_hypo.io.mappings import read_mapping
 from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     """
     from brv_hypo.model.model import read_structure
 
-    known = {} if path.suffix in YAML_ENDINGS else read_json(path, "what `compare --json` or `trace --json` wrote")
+    known = read_mapping(path, "what `compare --json` or `trace --json` wrote")
     if known.get("schema") != "brv-hypo/compare/1":
         return read_structure(path)
     try:

@@ -56,6 +56,15 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     return _mapping(content, path, expected)
 
 
+def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
+    """The mapping in a file of JSON, which begins with a brace, or of YAML, whatever it is called.
+
+    Raises UsageError as `read_json` and `read_yaml` do.
+    """
+    begins = read_text(path, expected, JSON_BYTES).lstrip()[:1]
+    return read_json(path, expected) if begins == "{" else read_yaml(path, expected)
+
+
 def _mapping(content: Any, path: str | Path, expected: str) -> dict[str, Any]:
     if content is None:
         return {}

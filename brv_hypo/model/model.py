@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
+from brv_hypo.io.mappings import read_mapping
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, TimeVariation, current_name
 from brv_hypo.mechanisms.registry import find, find_installed, nuisance_mechanisms
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
@@ -368,7 +368,7 @@ def read_model(path: Path) -> SavedModel:
 
 def read_structure(path: Path) -> SavedModel:
     """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
-    content = read_yaml(path, _EXPECTED) if path.suffix in YAML_ENDINGS else read_json(path, _EXPECTED)
+    content = read_mapping(path, _EXPECTED)
     try:
         own = content.get("format") == "brv-model"  # else a trace's JSON
         return SavedModel.model_validate(content if own else content["model"]["definition"])

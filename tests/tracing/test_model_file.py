@@ -125,9 +125,10 @@ def test_says_what_is_wrong(path: Path, tmp_path: Path, change, said: str) -> No
         read_model(wrong)
 
 
-def test_a_model_without_values_may_start_a_trace(tmp_path: Path) -> None:
+@pytest.mark.parametrize("called", ["structure.yaml", "structure.json", "structure"])
+def test_a_model_without_values_may_start_a_trace(tmp_path: Path, called: str) -> None:
     model = SavedModel(columns=(SavedColumn(mechanism="static", term="C_m0", units="1"),))
-    path = tmp_path / "structure.yaml"
+    path = tmp_path / called
     path.write_text(model_text(model), encoding="utf-8")
     assert read_structure(path) == model
     assert restored(model, (nominal().flight,)).saved().columns == model.columns
