@@ -420,8 +420,8 @@ def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle
         return None
     words = (
         f"drag of {np.median(force):.3g} N at a dynamic pressure of {np.median(pressure):.3g} Pa makes an axial "
-        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}: units of altitude, density, velocity or "
-        "ax, mass or reference area; correct the map"
+        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}: units of dynamic pressure, density, "
+        "altitude, velocity or ax, mass or reference area; correct the map"
     )
     return RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True)
 
