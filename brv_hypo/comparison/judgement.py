@@ -52,7 +52,7 @@ from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism, Process
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -309,6 +309,9 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
         share = float(np.linalg.norm(own.made_by(k))) / rows.static
         planted = as_planted(own, known[group.name], 0) if share > LEAST_PROCESS else {}
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
+        if isinstance(known[group.name], MomentProcess) and size > 0.0:
+            # By what it makes of the record, not by coefficients of a shape that the flight may hardly show.
+            size, error = share * group.size, share * group.size * error / size
         found.append(
             ProcessEstimate(
                 name=group.name,

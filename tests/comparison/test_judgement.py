@@ -240,6 +240,8 @@ def test_a_share_is_of_the_static_moments_rows(plant: tuple[str, ...]) -> None:
     assert whole == pytest.approx(np.linalg.norm(columns @ fit.values[: fit.baseline_size]), rel=1e-2)
     shares = {group.name: float(np.linalg.norm(one)) / whole for group, one in zip(rows.groups, made, strict=True)}
     assert {name: one.share_of_moment for name, one in held(found).items()} == pytest.approx(shares)
+    for process in moment_processes():
+        assert held(found)[process.name].size == pytest.approx(shares[process.name] * rows.moment)
     assert np.linalg.norm(np.sum(made, axis=0)) / whole <= sum(shares.values()) * (1.0 + 1e-12)
 
 
