@@ -78,7 +78,9 @@ def _fill(figure: Figure, chart: Chart) -> None:
     for axes, panel in zip(rows, chart.panels, strict=True):
         _draw(axes, panel)
         for mark in chart.marks:
-            axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--")
+            axes.axvline(
+                mark.at, color="#cc79a7", linewidth=0.8, linestyle="--", label="" if mark.name else chart.dashed
+            )
         for span in chart.spans:
             axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
     top, bottom = rows[0], rows[-1]

@@ -88,6 +88,10 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
                 shown = bool(name) and name not in in_legend
                 traces.append({**trace, **place, "legendgroup": group, "showlegend": shown})
                 in_legend.add(name)
+    if chart.dashed and traces:  # shapes are in no legend: a line of no points stands for them
+        line = {"color": "--mark", "width": 1, "dash": "dash"}
+        empty = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "line": line, "xaxis": "x", "yaxis": "y"}
+        traces.append({**empty, "name": chart.dashed, "legendgroup": chart.dashed, "showlegend": True})
     return {"traces": traces, "layout": _layout(chart), **shared}
 
 

@@ -44,7 +44,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
     measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
-    residuals = [Drawn("before", before, "second"), Drawn("after", after, "first")]
+    added = [Drawn("before", before, "second"), Drawn("after", after, "first")]
+    residuals = added if result.added else [Drawn("residual", after, "first")]
     model = Drawn("model", measured - after, "first")
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
