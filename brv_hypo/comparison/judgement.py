@@ -386,6 +386,18 @@ def _described(fit: HypothesisFit) -> str:
     }
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
-    when = "until" if len(starts) < len(fit.selected) else "from"
-    since = f" {when} {at(fit.frame.common, min(starts))}" if starts else ""
-    return f"a moment that no mechanism on the list has ({shapes}{since})"
+    return f"a moment that no mechanism on the list has ({shapes}{acts_since(fit, starts)})"
+
+
+_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
+
+
+def acts_since(fit: HypothesisFit, starts: Sequence[float]) -> str:
+    """From or until when a moment acts whose time bases have such `starts`; empty where that is throughout."""
+    if not starts:
+        return ""
+    when, edge = "until" if len(starts) < len(fit.selected) else "from", min(starts)
+    known = fit.frame.coefficient_time
+    first, last = float(known.min()), float(known.max())
+    left_out = last - edge if when == "until" else edge - first
+    return "" if left_out < _AT_ITS_ENDS * (last - first) else f" {when} {at(fit.frame.common, edge)}"

@@ -61,6 +61,7 @@ class Bars:
     values: Values
     texts: Sequence[str] = ()
     role: Role = "first"
+    name: str = ""  # in the legend; "" for none
 
 
 Layer = Line | Band | Bars
