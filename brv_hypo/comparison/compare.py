@@ -165,8 +165,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     leader = comparison.ranking[0]
     if acts := leader.acting:
         # In whose time the region is told: one flight's, or all flights' that share a clock.
-        told = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
-        gaps = [gap for each in told for gap in gaps_of(each)]
+        timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
+        gaps = [gap for each in timed for gap in gaps_of(each)]
         verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
     known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
