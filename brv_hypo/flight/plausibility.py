@@ -18,6 +18,7 @@ tilt and trim apart. How gyros stand to accelerometers the flow shows
     gain         thrust less gravity, integrated once and twice, makes the speed and the height that are gained
     thinning     drag over speed squared goes with altitude as the Earth's density does
     drag         -ax m / (q_inf S) is the axial coefficient of a body
+    sound        the speed over the Mach number is a speed of sound in the Earth's air
 
 and `mounting_fault` and `gyro_fault` a unit that is turned, or whose forces do not follow from its rates.
 """
@@ -59,6 +60,7 @@ GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which t
 THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
+SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
 
@@ -320,6 +322,7 @@ def contradictions(
                 )
                 found.append(RecordFault.over(time, f"{name}, ax", "units", words, decisive=True))
     found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
+    found += [_sound(time, channels)] if earth and {"mach", "velocity"} <= set(channels) else []
     found += [_drag(time, channels, vehicle)] if vehicle and "dynamic_pressure" in channels else []
     return tuple(fault for fault in found if fault is not None)
 
@@ -406,6 +409,20 @@ def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArra
     ends = {name: joined(channels[name])[[ignition, stop]] for name in made if name in channels}
     least = dict(zip(made, GAIN_LEAST, strict=True))
     return {name: (float(np.diff(each)[0]), made[name]) for name, each in ends.items() if made[name] > least[name]}
+
+
+def _sound(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:
+    """Where the speed over the recorded Mach number, most of the time, is no speed of sound."""
+    moving = channels["mach"] > SLOWEST_MACH
+    speed = float(np.median(channels["velocity"][moving] / channels["mach"][moving])) if np.any(moving) else np.nan
+    least, most = limits.SOUND_WITHIN
+    if not np.isfinite(speed) or least < speed < most:
+        return None
+    words = (
+        f"speed over Mach number makes a speed of sound of {speed:.4g} m/s, expected {least:g} to {most:g}: units of "
+        "velocity, or the Mach number; correct the map"
+    )
+    return RecordFault.over(time, "velocity, mach", "units", words, decisive=True)
 
 
 def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle) -> RecordFault | None:

@@ -89,6 +89,15 @@ def test_air_data_that_follow_from_the_speed_are_no_witness_of_its_units(flights
     assert not any(one.channel in ("ax", "ax, ay, az") for one in trial.faults)
 
 
+def test_a_speed_that_its_mach_number_contradicts_is_named(flights):
+    """In knots, without altitude: nothing else shows that."""
+    flight = flights["cone"]
+    flight = replace(flight, altitude=None, mach=flight.velocity / 300.0)
+    assert try_record(flight)[1].sound
+    faults = try_record(scaled(flight, 3600.0 / 1852.0, "velocity"))[1].faults
+    assert ("velocity, mach", "units", True) in [(one.channel, one.fault, one.decisive) for one in faults]
+
+
 @pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])
 @pytest.mark.parametrize("phase", [0.0, *(pytest.param(phase, marks=pytest.mark.slow) for phase in (2.0, 4.0))])
 @pytest.mark.parametrize("name", ["slender", pytest.param("cone", marks=THOROUGH)])
