@@ -322,9 +322,9 @@ def error_table(errors: Sequence[RecordError]) -> Table:
     return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
-def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
+def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str = "model and processes") -> list[Block]:
     """C_m,in and its derivatives at places along each flight, each with its standard error: at the angle of attack
-    flown there, with what they are nearly collinear with; and at none.
+    flown there, with what they are nearly collinear with; and at none. `of`: what makes them and their errors.
     """
     flown, zero = [], []
     several = any(len(each) > 1 for each in functions.values())
@@ -340,9 +340,9 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[
             zero.append(place | {name: _at_zero(each, k) for name, each in known})
     said = [text for name, known in functions.items() for text in collinear_texts(name, known)]
     return [
-        Table(flown, "At the angle of attack flown", shown="verbose"),
+        Table(flown, f"At the angle of attack flown ({of})", shown="verbose"),
         Texts((*said, ONLY_AS_ESTIMATED) if said else (), bullets=False, shown="verbose"),
-        Table(zero, "At alpha = 0; in parentheses: extrapolated, no sample is near", shown="verbose"),
+        Table(zero, f"At alpha = 0 ({of}); in parentheses: extrapolated, no sample is near", shown="verbose"),
     ]
 
 

@@ -47,6 +47,8 @@ DAMPING_AS_ESTIMATED = (
     "processes as estimated."
 )
 
+PARTS = "C_malpha of the model alone, C_mq with processes"  # compare's has them, and another error
+
 STATIC_TRACED = (
     "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
     "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
@@ -195,7 +197,7 @@ def trace_document(result: Trace) -> Document:
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
-        Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
+        Section("Coefficients along the flight", tables.function_blocks(functions, PARTS), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
