@@ -60,6 +60,15 @@ GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which t
 THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
+DRAG_USUAL = (0.05, 2.0)  # axial coefficients of cones to capsules (Hoerner, Fluid-Dynamic Drag, 1965)
+# What a dynamic pressure was taken for, and how much of it one Pa that was read is.
+MISREAD_PRESSURES = {
+    "in lbf/ft^2, tagged Pa": 47.88026,
+    "in kPa, tagged Pa": 1e3,
+    "in Pa, tagged lbf/ft^2": 1.0 / 47.88026,
+    "in Pa, tagged kPa": 1e-3,
+    "of a speed in ft/s, tagged m/s": 0.3048**2,
+}
 SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
@@ -435,10 +444,12 @@ def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle
     coefficient, (least, most) = float(np.median(force / (pressure * vehicle.reference_area))), limits.DRAG_WITHIN
     if least < coefficient < most:
         return None
+    usual = [words for words, size in MISREAD_PRESSURES.items() if DRAG_USUAL[0] < coefficient / size < DRAG_USUAL[1]]
+    likely = f" (it is usual if the pressure is {' or '.join(usual)})" if usual else ""
     words = (
         f"drag of {np.median(force):.3g} N at a dynamic pressure of {np.median(pressure):.3g} Pa makes an axial "
-        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}: units of dynamic pressure, density, "
-        "altitude, velocity or ax, mass or reference area; correct the map"
+        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}{likely}: units of dynamic pressure, "
+        "density, altitude, velocity or ax, mass or reference area; correct the map"
     )
     return RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True)
 

@@ -89,6 +89,13 @@ def test_air_data_that_follow_from_the_speed_are_no_witness_of_its_units(flights
     assert not any(one.channel in ("ax", "ax, ay, az") for one in trial.faults)
 
 
+def test_a_drag_of_no_body_names_the_units_of_pressure_that_would_make_it_usual(flights):
+    spoilt = scaled(flights["capsule"], 1.0 / 47.88026, "dynamic_pressure")
+    said = [one.action for one in try_record(spoilt)[1].faults if one.channel == "ax, dynamic_pressure"]
+    assert len(said) == 1
+    assert "it is usual if the pressure is in lbf/ft^2, tagged Pa" in said[0]
+
+
 def test_a_speed_that_its_mach_number_contradicts_is_named(flights):
     """In knots, without altitude: nothing else shows that."""
     flight = flights["cone"]
