@@ -135,6 +135,7 @@ CLIMB_WIND = threshold(20.0, "m/s", "the same: beyond wind along the path and er
 CLIMB_SIGMAS = threshold(5.0, "sigmas", "the same: certainty of the climb", _SOUND)
 GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over what the forces make", _SOUND)
 THINNING_WITHIN = threshold((0.5, 2.0), "1", "altitude is wrong: power of the density by which drag goes", _MISREAD)
+SOUND_WITHIN = threshold((220.0, 420.0), "m/s", "speed or Mach number is wrong: speed of sound", "air of 120 to 440 K")
 DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
 MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
 MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)

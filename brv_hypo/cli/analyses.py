@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import cpu_count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,11 +29,24 @@ from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:
     from brv_hypo.comparison import CompareConfig, Comparison
+    from brv_hypo.flight.record import Flight
     from brv_hypo.model.model import SavedModel
 
 
-COMPARED, TRACED = 12.0, 40.0
-"""Seconds of a processor for one flight of a thousand samples, as measured: what is said beforehand."""
+COMPARED, TRACED = 4.5, 15.0
+"""Seconds of a processor for one flight of few cycles, as measured on cones and capsules; a trace of which finds
+something.
+"""
+OF_NOISE = ", a third of that where the residual is noise"
+SLOWING_CYCLES = 40.0  # of the transverse motion, which take as long again as the rest, as on Opportunity's record
+
+
+def expected_seconds(flights: Sequence[Flight], seconds: float) -> float:
+    """How long an analysis takes that needs so many seconds for a flight of few cycles."""
+    from brv_hypo.flight.clock import transverse_frequency
+
+    cycles = (transverse_frequency(each.q, each.r, each.step) * each.step * each.samples for each in flights)
+    return sum(seconds * (1.0 + each / SLOWING_CYCLES) for each in cycles)
 
 
 Mechanisms = Annotated[
@@ -64,7 +78,7 @@ def compare(
     accepted = {"accept_record": True} if accept_record else {}
     settings = settings_of(CompareConfig, session.config, chosen(mechanisms) | accepted)
     records = [session.load(path) for path in flights]
-    with session.progress("comparing", COMPARED * len(records)) as progress:
+    with session.progress("comparing", expected_seconds(records, COMPARED)) as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)
 
@@ -138,7 +152,7 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
     records = [session.load(path) for path in flights]
-    with session.progress("tracing", TRACED * len(records)) as progress:
+    with session.progress("tracing", expected_seconds(records, TRACED), OF_NOISE) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])
     if model_file is not None:

@@ -104,10 +104,10 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     flight = found.flight
     save_flight(flight, output, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    faults = [f"{fault.channel}: {fault.fault}" for fault in try_record(flight)[1].faults if fault.decisive]
-    heading = f"The record contradicts itself (`brv-hypo inspect {output}` says how)"
-    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, heading, warning=True))
+    session.show(Texts(flight.notes, "Notes"), phases)
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
+    for fault in (fault for fault in try_record(flight)[1].faults if fault.decisive):  # with -q and in scripts too
+        session.warn(f"warning: the record contradicts itself ({fault.fault}): {fault.action}")
 
 
 @in_session(*ANALYSIS)

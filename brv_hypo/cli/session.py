@@ -429,10 +429,13 @@ class Session:
 
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
-    def progress(self, title: str, seconds: float = 0.0) -> AbstractContextManager[Report]:
-        """What long work reports to: shown on standard error, never with -q; before it, how long it takes if long."""
+    def progress(self, title: str, seconds: float = 0.0, unless: str = "") -> AbstractContextManager[Report]:
+        """What long work reports to: shown on standard error, never with -q; before it, how long it takes if long, and
+        when it does not.
+        """
         if seconds > LONG_SECONDS and not self.quiet:
-            self.warn(f"{title} takes about {f'{seconds:.0f} s' if seconds < 100.0 else f'{seconds / 60.0:.0f} min'}")
+            length = f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
+            self.warn(f"{title} takes about {length}{unless}")
         return shown(title, quiet=self.quiet)
 
 

@@ -34,7 +34,15 @@ from brv_hypo.comparison.limits import limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_better_rival, with_far_error, with_prediction_error
+from brv_hypo.comparison.verdict import (
+    Candidate,
+    Fit,
+    judge,
+    with_better_rival,
+    with_far_error,
+    with_gaps,
+    with_prediction_error,
+)
 from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
@@ -52,6 +60,7 @@ from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, 
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
+from brv_hypo.motion.pipeline import gaps_of
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
@@ -152,7 +161,14 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
-    known["verdict"] = with_far_error(comparison.verdict, known["record_errors"])
+    verdict = with_far_error(comparison.verdict, known["record_errors"])
+    leader = comparison.ranking[0]
+    if acts := leader.acting:
+        # In whose time the region is told: one flight's, or all flights' that share a clock.
+        timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
+        gaps = [gap for each in timed for gap in gaps_of(each)]
+        verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
+    known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])

@@ -53,7 +53,7 @@ from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism, Process
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -313,6 +313,9 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
         share = float(np.linalg.norm(own.made_by(k))) / rows.static
         planted = as_planted(own, known[group.name], 0) if share > LEAST_PROCESS else {}
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
+        if isinstance(known[group.name], MomentProcess) and size > 0.0:
+            # By what it makes of the record, not by coefficients of a shape that the flight may hardly show.
+            size, error = share * group.size, share * group.size * error / size
         found.append(
             ProcessEstimate(
                 name=group.name,
@@ -387,6 +390,18 @@ def _described(fit: HypothesisFit) -> str:
     }
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
-    when = "until" if len(starts) < len(fit.selected) else "from"
-    since = f" {when} {at(fit.frame.common, min(starts))}" if starts else ""
-    return f"a moment that no mechanism on the list has ({shapes}{since})"
+    return f"a moment that no mechanism on the list has ({shapes}{acts_since(fit, starts)})"
+
+
+_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
+
+
+def acts_since(fit: HypothesisFit, starts: Sequence[float]) -> str:
+    """From or until when a moment acts whose time bases have such `starts`; empty where that is throughout."""
+    if not starts:
+        return ""
+    when, edge = "until" if len(starts) < len(fit.selected) else "from", min(starts)
+    known = fit.frame.coefficient_time
+    first, last = float(known.min()), float(known.max())
+    left_out = last - edge if when == "until" else edge - first
+    return "" if left_out < _AT_ITS_ENDS * (last - first) else f" {when} {at(fit.frame.common, edge)}"

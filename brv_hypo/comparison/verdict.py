@@ -11,9 +11,18 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, RecordError, Verdict, far_beyond, percent
+from brv_hypo.comparison.result import (
+    Adequacy,
+    Explained,
+    Interval,
+    ProcessEstimate,
+    RecordError,
+    Verdict,
+    far_beyond,
+    percent,
+)
 from brv_hypo.constants import CREDIBLE_PROBABILITY, FAR_BETTER, OTHER_PRIOR, WINNING_PROBABILITY
-from brv_hypo.io.text import error_share, hypothesis
+from brv_hypo.io.text import error_share, hypothesis, times
 from brv_hypo.thresholds import NOISE_LEVEL
 
 OTHER = "other"
@@ -252,6 +261,22 @@ def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
         f" But {best} predicts held-out blocks far better ({error_share(ratios[best])} of the baseline's error, "
         f"{verdict.winner} {error_share(ratios[verdict.winner])}): where an event does not come at one Mach number on "
         "all flights, a joint comparison misses it. Compare each flight by itself."
+    )
+    return verdict.model_copy(update={"reason": verdict.reason + said})
+
+
+def with_gaps(verdict: Verdict, leader: str, acts: Interval, gaps: Sequence[Interval]) -> Verdict:
+    """The verdict, with the gaps of the record in the region where its leader acts, or beside it, all in s.
+
+    Beside it is within a gap's own length: what happened inside may belong to the region as well.
+    """
+    begin, end = acts
+    near = [times(a, b) for a, b in gaps if a - (b - a) < end and b + (b - a) > begin]
+    if not near or verdict.outcome == "none adequate":
+        return verdict
+    said = (
+        f" The record has a gap where {leader} acts, or beside that region ({', '.join(near)}), and across it the "
+        "attitude is unknown: times and values there may be off by more than their sigmas."
     )
     return verdict.model_copy(update={"reason": verdict.reason + said})
 

@@ -26,6 +26,11 @@ AVERAGED_BEYOND = 20_000  # samples up to which a record is analysed as it is; b
 AVERAGED_LEFT = 4_000  # samples left of a longer one at least
 
 
+# Notes of what follows from the speed, and so is no witness of its units.
+DENSITY_FOLLOWS = "density derived from dynamic pressure and velocity"
+PRESSURE_FOLLOWS = "dynamic pressure derived from density and velocity"
+ALTITUDE_FOLLOWS = "altitude derived as that of the density"
+
 LOWEST_ALTITUDE = -5000.0
 HIGHEST_ALTITUDE = 81000.0
 # Where the temperature's gradient changes, m of geopotential altitude, and the radius that makes them geometric (ICAO).
@@ -52,14 +57,14 @@ def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: fl
     if "density" not in known and "dynamic_pressure" in known:
         moving = np.where(known["velocity"] > 0.0, known["velocity"], np.nan)
         known["density"] = np.asarray(2.0 * known["dynamic_pressure"] / moving**2)
-        notes.append("density derived from dynamic pressure and velocity")
+        notes.append(DENSITY_FOLLOWS)
     if earth and "density" not in known and "altitude" in known:
         known["density"] = atmosphere(known["altitude"], "density")
         beyond = _beyond(known["altitude"])
         notes.append(f"density derived from altitude by the Earth standard atmosphere{beyond}")
     if "dynamic_pressure" not in known and "density" in known:
         known["dynamic_pressure"] = 0.5 * known["density"] * known["velocity"] ** 2
-        notes.append("dynamic pressure derived from density and velocity")
+        notes.append(PRESSURE_FOLLOWS)
     wanted = [name for name in ("altitude", "mach", "reynolds") if name not in known]
     if wanted and not earth:
         notes.append(
@@ -71,7 +76,7 @@ def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: fl
     if "altitude" in wanted:
         known["altitude"] = _altitude_of_density(known["density"])
         beyond = _beyond(known["altitude"])
-        notes.append(f"altitude derived as that of the density in the Earth standard atmosphere{beyond}")
+        notes.append(f"{ALTITUDE_FOLLOWS} in the Earth standard atmosphere{beyond}")
     end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
     outside = _beyond(known["altitude"]) and ", with the temperature of its end where the flight is beyond it"
     if "mach" in wanted:

@@ -18,6 +18,7 @@ tilt and trim apart. How gyros stand to accelerometers the flow shows
     gain         thrust less gravity, integrated once and twice, makes the speed and the height that are gained
     thinning     drag over speed squared goes with altitude as the Earth's density does
     drag         -ax m / (q_inf S) is the axial coefficient of a body
+    sound        the speed over the Mach number is a speed of sound in the Earth's air
 
 and `mounting_fault` and `gyro_fault` a unit that is turned, or whose forces do not follow from its rates.
 """
@@ -59,6 +60,16 @@ GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which t
 THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
+DRAG_USUAL = (0.05, 2.0)  # axial coefficients of cones to capsules (Hoerner, Fluid-Dynamic Drag, 1965)
+# What a dynamic pressure was taken for, and how much of it one Pa that was read is.
+MISREAD_PRESSURES = {
+    "in lbf/ft^2, tagged Pa": 47.88026,
+    "in kPa, tagged Pa": 1e3,
+    "in Pa, tagged lbf/ft^2": 1.0 / 47.88026,
+    "in Pa, tagged kPa": 1e-3,
+    "of a speed in ft/s, tagged m/s": 0.3048**2,
+}
+SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
 
@@ -320,6 +331,7 @@ def contradictions(
                 )
                 found.append(RecordFault.over(time, f"{name}, ax", "units", words, decisive=True))
     found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
+    found += [_sound(time, channels)] if earth and {"mach", "velocity"} <= set(channels) else []
     found += [_drag(time, channels, vehicle)] if vehicle and "dynamic_pressure" in channels else []
     return tuple(fault for fault in found if fault is not None)
 
@@ -408,6 +420,20 @@ def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArra
     return {name: (float(np.diff(each)[0]), made[name]) for name, each in ends.items() if made[name] > least[name]}
 
 
+def _sound(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:
+    """Where the speed over the recorded Mach number, most of the time, is no speed of sound."""
+    moving = channels["mach"] > SLOWEST_MACH
+    speed = float(np.median(channels["velocity"][moving] / channels["mach"][moving])) if np.any(moving) else np.nan
+    least, most = limits.SOUND_WITHIN
+    if not np.isfinite(speed) or least < speed < most:
+        return None
+    words = (
+        f"speed over Mach number makes a speed of sound of {speed:.4g} m/s, expected {least:g} to {most:g}: units of "
+        "velocity, or the Mach number; correct the map"
+    )
+    return RecordFault.over(time, "velocity, mach", "units", words, decisive=True)
+
+
 def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle) -> RecordFault | None:
     """Where the drag, most of the time, is none of a body at this dynamic pressure."""
     axial, pressure = channels["ax"], channels["dynamic_pressure"]
@@ -418,10 +444,12 @@ def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle
     coefficient, (least, most) = float(np.median(force / (pressure * vehicle.reference_area))), limits.DRAG_WITHIN
     if least < coefficient < most:
         return None
+    usual = [words for words, size in MISREAD_PRESSURES.items() if DRAG_USUAL[0] < coefficient / size < DRAG_USUAL[1]]
+    likely = f" (it is usual if the pressure is {' or '.join(usual)})" if usual else ""
     words = (
         f"drag of {np.median(force):.3g} N at a dynamic pressure of {np.median(pressure):.3g} Pa makes an axial "
-        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}: units of altitude, density, velocity or "
-        "ax, mass or reference area; correct the map"
+        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}{likely}: units of dynamic pressure, "
+        "density, altitude, velocity or ax, mass or reference area; correct the map"
     )
     return RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True)
 

@@ -38,7 +38,15 @@ Dimension = Literal[
 # Units that recorders write, by dimension: SI, then the likelier first, each with the words for it at the end of a
 # column's name.
 RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
-    "time": {"s": ("s", "sec"), "ms": ("ms", "msec"), "us": ("us", "usec"), "ns": ("ns",), "min": ("min",)},
+    "time": {
+        "s": ("s", "sec"),
+        "ms": ("ms", "msec", "millis", "milliseconds"),
+        "us": ("us", "usec", "micros", "microseconds"),
+        "ns": ("ns", "nsec", "nanos", "nanoseconds"),
+        "min": ("min", "mins", "minute", "minutes"),
+        "hour": ("hour", "hours", "hr", "hrs", "h"),
+        "day": ("day", "days", "d"),
+    },
     "angular rate": {
         "rad/s": ("radps", "rads", "rad s", "rad"),
         "deg/s": ("dps", "degs", "degps", "deg s", "deg"),

@@ -121,8 +121,9 @@ def _find_time(table: ForeignTable) -> None:
         first = next((name for name in rising if name not in used), rising[0])
         entry = MapEntry(first, "s", "the first column that rises throughout", ("whether this is time",))
         table.entries["time"] = entry
-    fitting = rules.time_units(table.values("time"))
-    if fitting and (entry.units not in fitting or "units in the name" not in entry.why):
+    possible = rules.time_units(table.values("time"))
+    fitting = [unit for unit in possible if unit not in rules.STATED_ONLY]
+    if fitting and (entry.units not in possible or "units in the name" not in entry.why):
         doubts = [each for each in entry.unsure if _NOT_STATED not in each]
         if len(fitting) > 1:
             doubts.append(f"time in {' or '.join(fitting)}: each makes a rate that recorders have")

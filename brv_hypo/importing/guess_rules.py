@@ -42,7 +42,8 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
-    "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",)),
+    "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
+                         ("pdyn",), ("dynpress",)),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",), ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
@@ -148,6 +149,7 @@ REST_SECONDS = 0.1
 STILL = 0.03  # of a channel's whole spread: what is left of it at rest
 WITHIN = 0.06  # relative: a factor is taken for that of units
 RATES = (0.5, 2e4)  # Hz that a recorder may have
+STATED_ONLY = frozenset(("min", "hour", "day"))  # units of time that no rate suggests: their name has to say so
 FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
 
 
@@ -160,8 +162,7 @@ def sizes(dimension: Dimension) -> Mapping[str, float]:
 def time_units(time: FloatArray) -> tuple[str, ...]:
     """Units in which the stamps make a rate that recorders have, the likelier first."""
     step = float(np.median(np.diff(time)))
-    seconds = {unit: size for unit, size in sizes("time").items() if unit != "min"}
-    return tuple(unit for unit, size in seconds.items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
+    return tuple(unit for unit, size in sizes("time").items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
 
 
 def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.derived import atmosphere, averaged
+from brv_hypo.flight.derived import ALTITUDE_FOLLOWS, DENSITY_FOLLOWS, PRESSURE_FOLLOWS, atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
 from brv_hypo.flight.plausibility import (
     GRAVITY,
@@ -68,6 +68,7 @@ TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere
 
 DEGREES = 180.0 / np.pi  # deg in a rad
 FEET = 0.3048  # m in a foot (international, 1959)
+KNOT = 1852.0 / 3600.0  # m/s in a knot (international, 1929)
 PSF = 47.88026  # Pa in a lbf/ft^2
 
 _INSTRUMENTS: dict[str, tuple[str, ...]] = {
@@ -83,6 +84,7 @@ _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
     ("accelerometers", _OF_FORCES, GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
     ("accelerometers", _OF_FORCES, 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
     ("air data", (("velocity",),), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    ("air data", (("velocity",),), 1.0 / KNOT, "m/s tagged knots", "knots tagged m/s"),
     ("air data", (("dynamic_pressure",),), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
     ("air data", (("altitude",),), 1.0 / FEET, "m tagged ft", "ft tagged m"),
     ("air data", (("velocity", "altitude"),), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
@@ -160,7 +162,8 @@ class Readings:
     channels: Mapping[str, FloatArray]  # by instrument (3, n); an altitude that the record has not is nought
     change: FloatArray  # derivatives of the rates (3, n); zero where the accelerometers are at the c.g. and need none
     sigma: Mapping[str, FloatArray]  # white noise of the channels (3,)
-    has_altitude: bool
+    has_altitude: bool  # recorded, or derived from a density
+    derived: frozenset[str]  # which of density, dynamic pressure and altitude follow from the speed
 
     @classmethod
     def of(cls, flight: Flight) -> Readings:
@@ -176,7 +179,11 @@ class Readings:
         change = np.zeros_like(channels["gyros"])
         if any(flight.vehicle.accelerometer_position):
             change = np.stack([differentiated(flight, channel).rate.real for channel in channels["gyros"]])
-        return cls(flight.time, channels, change, sigma, has_altitude)
+        follow = {"density": DENSITY_FOLLOWS, "dynamic_pressure": PRESSURE_FOLLOWS, "altitude": ALTITUDE_FOLLOWS}
+        derived = frozenset(
+            name for name, note in follow.items() if any(each.startswith(note) for each in flight.notes)
+        )
+        return cls(flight.time, channels, change, sigma, has_altitude, derived)
 
     def corrected(self, correction: Correction) -> Readings:
         """Those of the record without the mistake."""
@@ -184,6 +191,8 @@ class Readings:
         for each, factor in correction.factors.items():
             channels[each], sigma[each] = factor @ channels[each], np.sqrt(factor**2 @ sigma[each] ** 2)
             change = factor @ change if each == "gyros" else change
+            if each == "air data" and "dynamic_pressure" in self.derived:  # it was made of the speed squared
+                channels[each][1] *= factor[0, 0] ** 2
         return replace(self, channels=channels, sigma=sigma, change=change)
 
     def segment(self, first: int, stop: int) -> Readings:
@@ -338,8 +347,13 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
 
 
 def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
-    """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere."""
+    """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere.
+
+    None where neither is known but from that pressure and the speed.
+    """
     velocity, pressure, altitude = readings.channels["air data"]
+    if "density" in readings.derived and (readings.derived & {"altitude"} or not readings.has_altitude):
+        return None
     if flight.planet == "earth" and readings.has_altitude:
         some = slice(None, None, max(1, flight.samples // PRESSURE_COMPARED))
         density = atmosphere(altitude[some], "density")
@@ -433,7 +447,9 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     found, tumbling = [], tumbles(flight, readings)
     strained = set(broken) == {"path, strained"}
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
-    tried = [(one, compatibility_of(flight, readings, one)) for one in corrections()]
+    unread = {"altitude"} if "altitude" in readings.derived or not readings.has_altitude else set()
+    possible = (one for one in corrections() if not unread & set(one.channels))
+    tried = [(one, compatibility_of(flight, readings, one)) for one in possible]
     ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]
     likely = [

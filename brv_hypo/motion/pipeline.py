@@ -145,17 +145,22 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
     return tuple(text for text in checks if text is not None)
 
 
-def _attitude_lost(record: InertialRecord) -> str | None:
-    """Gaps that are too long for the rates about them to tell what they were inside."""
-    flight = record.flight
+def gaps_of(flight: Flight) -> list[tuple[float, float]]:
+    """Begin and end (s) of gaps that are too long for the rates about them to tell what they were inside."""
     longest = longest_crossed(flight.step, flight.q, flight.r)
-    lost = [(b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest]
+    between = ((b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest)
+    return [(float(flight.time[b]), float(flight.time[a])) for b, a in between]
+
+
+def _attitude_lost(record: InertialRecord) -> str | None:
+    """What the first of the gaps that nothing bridges does."""
+    lost = gaps_of(record.flight)
     if not lost:
         return None
     first, last = lost[0]
     others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
     return (
-        f"a gap of {(last - first) * flight.step:.2g} s from {flight.time[first]:.2f} s on{others}: the "
+        f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
         "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side of "
         "it (--start, --stop)"
     )

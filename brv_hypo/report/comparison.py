@@ -35,10 +35,7 @@ CHANNELS = {
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
-ALONE = (
-    "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it. "
-    "Dashed: its knots."
-)
+ALONE = "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it."
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 EVIDENCE = (
     "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "

@@ -61,6 +61,7 @@ class Bars:
     values: Values
     texts: Sequence[str] = ()
     role: Role = "first"
+    name: str = ""  # in the legend; "" for none
 
 
 Layer = Line | Band | Bars
@@ -68,7 +69,7 @@ Layer = Line | Band | Bars
 
 @dataclass(frozen=True)
 class Mark:
-    """A vertical line at `at`, such as a knot; `name` is written beside it."""
+    """A vertical dashed line at `at`, such as a knot; `name` is written beside it, else the chart's legend has one."""
 
     at: float
     name: str = ""
@@ -131,6 +132,7 @@ class Chart:
     spans: Sequence[Span] = ()
     caption: str = ""
     counted: bool = False  # whether the horizontal axis has whole numbers alone
+    dashed: str = ""  # what the marks without names are, in the legend
 
     shown: ClassVar[Literal["page"]] = "page"  # and picture files; a terminal leaves it out
 

@@ -78,7 +78,9 @@ def _fill(figure: Figure, chart: Chart) -> None:
     for axes, panel in zip(rows, chart.panels, strict=True):
         _draw(axes, panel)
         for mark in chart.marks:
-            axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--")
+            axes.axvline(
+                mark.at, color="#cc79a7", linewidth=0.8, linestyle="--", label="" if mark.name else chart.dashed
+            )
         for span in chart.spans:
             axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
     top, bottom = rows[0], rows[-1]
@@ -123,11 +125,13 @@ def _frame_path(figure: Figure, intervals: Sequence[Axes], chart: Chart, path: P
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
+    if bars := [layer for layer in panel.layers if isinstance(layer, Bars)]:
+        _bars(axes, bars)
     for layer in panel.layers:
         colour = COLOURS[layer.role]
         if isinstance(layer, Bars):
-            _bars(axes, layer, colour)
-        elif isinstance(layer, Band):
+            continue
+        if isinstance(layer, Band):
             axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=0.2, linewidth=0, label=layer.name)
         elif not layer.hidden:
             _line(axes, layer, colour)
@@ -156,13 +160,16 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
         axes.annotate(label, (x, y), textcoords="offset points", fontsize=8, clip_on=False, **place)
 
 
-def _bars(axes: Axes, layer: Bars, colour: str) -> None:
-    places = np.arange(len(layer.names))
-    axes.barh(places, np.asarray(layer.values, dtype=float), color=colour)
-    axes.set_yticks(places, layer.names)
+def _bars(axes: Axes, layers: Sequence[Bars]) -> None:
+    names = [name for layer in layers for name in layer.names]
+    axes.set_yticks(np.arange(len(names)), names)
     axes.invert_yaxis()
-    for place, value, text in zip(places, layer.values, layer.texts, strict=False):
-        axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
+    first = 0
+    for layer in layers:
+        places, first = np.arange(first, first + len(layer.names)), first + len(layer.names)
+        axes.barh(places, np.asarray(layer.values, dtype=float), color=COLOURS[layer.role], label=layer.name)
+        for place, value, text in zip(places, layer.values, layer.texts, strict=False):
+            axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
 
 
 def _caption(chart: Chart) -> str:

@@ -82,12 +82,15 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
     for row, panel in enumerate(chart.panels, start=1):
         place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}"}
         for layer in panel.layers:
-            group = "" if isinstance(layer, Bars) else layer.name
             for trace in _TRACES[type(layer)](layer):
                 name = trace.get("name", "")
                 shown = bool(name) and name not in in_legend
-                traces.append({**trace, **place, "legendgroup": group, "showlegend": shown})
+                traces.append({**trace, **place, "legendgroup": layer.name, "showlegend": shown})
                 in_legend.add(name)
+    if chart.dashed and traces:  # shapes are in no legend: a line of no points stands for them
+        line = {"color": "--mark", "width": 1, "dash": "dash"}
+        empty = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "line": line, "xaxis": "x", "yaxis": "y"}
+        traces.append({**empty, "name": chart.dashed, "legendgroup": chart.dashed, "showlegend": True})
     return {"traces": traces, "layout": _layout(chart), **shared}
 
 
@@ -137,7 +140,7 @@ def _band(layer: Band) -> list[dict[str, Any]]:
 def _bars(layer: Bars) -> list[dict[str, Any]]:
     bars = {"x": [float(value) for value in layer.values], "y": list(layer.names), "text": list(layer.texts)}
     drawn = {"type": "bar", "orientation": "h", "textposition": "outside", "cliponaxis": False}
-    return [{**bars, **drawn, "marker": {"color": f"--{layer.role}"}}]
+    return [{**bars, **drawn, "name": layer.name, "marker": {"color": f"--{layer.role}"}}]
 
 
 _TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
@@ -157,6 +160,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **({"dtick": 1} if chart.counted else {}),
             **({"range": list(across)} if across else {}),
         },
+        "barmode": "overlay",  # bars of one name each, in layers
         "shapes": _shapes(chart),
         "annotations": _annotations(chart),
     }

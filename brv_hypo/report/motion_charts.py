@@ -96,6 +96,7 @@ _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
 _ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
 _ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
@@ -129,7 +130,8 @@ class Setting:
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
             spans=[Span(*fault) for fault in self.masked],
-            caption=" ".join(filter(None, (*read, "Dashed lines: knots." if self.knots else ""))),
+            caption=" ".join(filter(None, read)),
+            dashed="knots" if self.knots else "",
         )
 
 
@@ -266,11 +268,14 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
     marks = [Mark(side * beyond) for side in (-1.0, 1.0)]
     read = (
-        f"As fitted with the model. Dashed: {beyond:.1f} tolerances, which the largest of {len(errors)} errors seldom "
-        "exceeds; errors beyond are named above."
+        f"As fitted with the model. The largest of {len(errors)} errors seldom exceeds {beyond:.1f} tolerances; errors "
+        "beyond are named above."
     )
     title = "error over its tolerance"
-    return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
+    dashed = f"{beyond:.1f} tolerances"
+    return Chart(
+        "errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read, dashed=dashed
+    )
 
 
 def process_chart(
@@ -303,9 +308,15 @@ def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, fl
 
 
 def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:
-    """Times inside the record at which a model's coefficients begin, change or end."""
+    """Times inside the record at which a model's coefficients begin, change or end; of those that a chart cannot show
+    apart, the first.
+    """
     edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
-    return sorted(edge for edge in edges if start < edge < stop)
+    found: list[float] = []
+    for edge in sorted(edge for edge in edges if start < edge < stop):
+        if not found or edge - found[-1] >= _APART * (stop - start):
+            found.append(edge)
+    return found
 
 
 def estimate(

@@ -54,10 +54,10 @@ LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 _OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
 SLOW = "drifts, gusts and the like, in every hypothesis"
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
-    "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
-    "an ordinary size; of moment: rms of what the process makes of the record, over the static moment's. A size below "
-    "its sigma: the record does not say that this one acts, and another may make the same."
+    "A process is a smooth change that nobody has modelled, in every hypothesis. of moment: rms of what it makes of "
+    "the record, over the static moment's; rms size: the same as a moment coefficient C_m, or of instruments and air "
+    "the rms of their error; relative: that over an ordinary size. Below its sigma: the record does not say that this "
+    "one acts, and another may make the same."
 )
 
 _VEHICLE = (
@@ -112,26 +112,33 @@ def ranking_table(comparison: Comparison) -> Table:
 
 
 def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
-    """Those that make more than `LEAST_PROCESS`, largest first."""
-    return [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
+    """Those that make more than `LEAST_PROCESS`, largest first; after them those that do not exceed their sigma."""
+    large = [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
+    return sorted(large, key=lambda each: each.size <= each.std_error)
 
 
 def process_blocks(comparison: Comparison) -> list[Block]:
-    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
-    rows = [
-        {
-            "process": each.name,
-            "family": each.family,
-            "rms size": known_to(each.size, each.std_error),
-            "sigma": number(each.std_error, 2),
-            "unit": "C_m" if each.family in _OF_MOMENTS else each.units,
-            "relative": f"{number(each.size / each.tolerance, 2)} ×",
-            "of moment": share(each.share_of_moment),
-        }
-        for each in shown_processes(comparison)
-    ]
+    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first.
+
+    The terminal shows those that do not exceed their sigma with -v only, and nothing but that of them.
+    """
+    rows, large = list[dict[str, str]](), 0
+    for each in shown_processes(comparison):
+        exceeds = each.size > each.std_error
+        large += exceeds
+        rows.append(
+            {
+                "process": each.name,
+                "family": each.family,
+                "of moment": share(each.share_of_moment) if exceeds else NOT_A_NUMBER,
+                "rms size": known_to(each.size, each.std_error) if exceeds else "below sigma",
+                "sigma": number(each.std_error, 2),
+                "unit": "C_m" if each.family in _OF_MOMENTS else each.units,
+                "relative": f"{number(each.size / each.tolerance, 2)} ×" if exceeds else NOT_A_NUMBER,
+            }
+        )
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
-    table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
+    table = Table(rows, beside, ("process", "family", "unit"), most=min(max(large, 1), ROWS_AT_FIRST))
     return [table, Texts(_one_drift(comparison), bullets=False)]
 
 
@@ -315,9 +322,9 @@ def error_table(errors: Sequence[RecordError]) -> Table:
     return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
-def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
+def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str = "model and processes") -> list[Block]:
     """C_m,in and its derivatives at places along each flight, each with its standard error: at the angle of attack
-    flown there, with what they are nearly collinear with; and at none.
+    flown there, with what they are nearly collinear with; and at none. `of`: what makes them and their errors.
     """
     flown, zero = [], []
     several = any(len(each) > 1 for each in functions.values())
@@ -333,9 +340,9 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[
             zero.append(place | {name: _at_zero(each, k) for name, each in known})
     said = [text for name, known in functions.items() for text in collinear_texts(name, known)]
     return [
-        Table(flown, "At the angle of attack flown", shown="verbose"),
+        Table(flown, f"At the angle of attack flown ({of})", shown="verbose"),
         Texts((*said, ONLY_AS_ESTIMATED) if said else (), bullets=False, shown="verbose"),
-        Table(zero, "At alpha = 0; in parentheses: extrapolated, no sample is near", shown="verbose"),
+        Table(zero, f"At alpha = 0 ({of}); in parentheses: extrapolated, no sample is near", shown="verbose"),
     ]
 
 

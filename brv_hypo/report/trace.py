@@ -13,10 +13,23 @@ from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
+from brv_hypo.report.document import (
+    Band,
+    Bars,
+    Block,
+    Chart,
+    Document,
+    Line,
+    Panel,
+    Role,
+    Section,
+    Table,
+    Texts,
+    thinned,
+)
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
-from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
+from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
@@ -28,6 +41,13 @@ WORSE = (
     "scheduled may be the worse of them as it has more coefficients, or where the next row is the cubic static "
     "moment: that is added to a model without the bend that constant has."
 )
+
+DAMPING_AS_ESTIMATED = (
+    "Its values there and their errors (coefficients along the flight: -v, and on the page) hold only for sizes of "
+    "processes as estimated."
+)
+
+PARTS = "C_malpha of the model alone, C_mq with processes"  # compare's has them, and another error
 
 STATIC_TRACED = (
     "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
@@ -44,7 +64,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
     measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
-    residuals = [Drawn("before", before, "second"), Drawn("after", after, "first")]
+    added = [Drawn("before", before, "second"), Drawn("after", after, "first")]
+    residuals = added if result.added else [Drawn("residual", after, "first")]
     model = Drawn("model", measured - after, "first")
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
@@ -65,18 +86,32 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
 
 
 def families_chart(step: Step) -> Chart:
-    """The share of a step's residual that each family explains, largest first."""
-    panels = charts.share_bars({each.family: each.share for each in step.decomposition}, "second")
+    """The share of a step's residual that each family explains, largest first; those not surely above nothing grey."""
+    known: dict[tuple[Role, str], list[Family]] = {
+        ("second", ""): [each for each in step.decomposition if is_sure(each)],
+        ("none", NOT_SURE): [each for each in step.decomposition if not is_sure(each)],
+    }
+    layers = [
+        Bars([e.family for e in some], [100.0 * e.share for e in some], [share(e.share) for e in some], role, name)
+        for (role, name), some in known.items()
+        if some
+    ]
+    panels = [Panel("", layers)] if layers else []
     read = (
         "Of the mean square that the first model does not explain: first by effects that were added, then by processes."
     )
     return Chart("families", "What holds the residual, by family", "of the residual, %", panels, caption=read)
 
 
+def is_sure(family: Family) -> bool:
+    """Whether a family explains more of a residual than is worth a word, by its interval."""
+    return family.interval_95[0] > LEAST_FAMILY
+
+
 def families_text(step: Step) -> str:
     """The families that hold some of a step's residual, with their intervals and the largest process of each."""
     said = []
-    for each in (each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY):
+    for each in filter(is_sure, step.decomposition):
         whole, low, high = (share(value) for value in (each.share, *each.interval_95))
         beside = [] if low == high == whole else [f"{low.removesuffix(' %')} to {high}"]
         beside += [] if each.history is None else [f"mostly {each.history.process}"]
@@ -98,6 +133,7 @@ def _history_text(history: ProcessHistory) -> str:
 # ---- A trace as a document ----
 
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
+NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
 CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
 _STOPPED = {
     "white": "The residual is noise.",
@@ -121,10 +157,12 @@ def trace_document(result: Trace) -> Document:
     conclusion = (
         "" if sound else CONTRADICTED,
         _found_text(result),
-        f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
+        f"Hints, no findings: {', '.join(result.hints)}. {next_step(result)}" if result.hints else "",
         result.static_stability,
         result.dynamic_stability,
-        " ".join((*collinear, tables.ONLY_AS_ESTIMATED)) if collinear else "",
+        " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
+        if collinear
+        else "",
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
@@ -159,7 +197,7 @@ def trace_document(result: Trace) -> Document:
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
-        Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
+        Section("Coefficients along the flight", tables.function_blocks(functions, PARTS), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
@@ -190,6 +228,20 @@ def _found_text(result: Trace) -> str:
     return f"No effect with a name was found{explained}."
 
 
+def next_step(result: Trace) -> str:
+    """How to go on from hints: against their rivals on this flight, and on another flight."""
+    kinds = {each.effect: each.kind for step in result.steps for each in step.candidates}
+    listed = [name for name in result.hints if kinds.get(name) == "mechanism"]
+    written = ""
+    if result.discovered is not None:
+        listed, written = [*listed, "FILE.yaml"], " (with what was discovered, by --write-mechanism FILE.yaml)"
+    compared = f"`brv-hypo compare FLIGHT.h5 --mechanisms {','.join(listed)}` weighs it{written}; " if listed else ""
+    return (
+        f"To go on: {compared}`brv-hypo predict OTHER.h5 --model MODEL.yaml`, with what --write-model MODEL.yaml "
+        "writes here, tells whether it holds on another flight."
+    )
+
+
 def residual_text(residual: Residual) -> str:
     """Size, whiteness and place of a residual."""
     white = "white" if residual.white else f"not white (p {p_value(residual.p_value)})"
@@ -213,9 +265,9 @@ def _step(step: Step) -> list[Block]:
         }
         for row in step.candidates
     ]
-    largest = next((each.history for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY), None)
-    small = [each.family for each in step.decomposition if each.interval_95[0] <= LEAST_FAMILY]
-    others = f"not surely above {share(LEAST_FAMILY)}: {', '.join(small)}" if small else ""
+    largest = next((each.history for each in filter(is_sure, step.decomposition)), None)
+    small = [each.family for each in step.decomposition if not is_sure(each)]
+    others = f"{NOT_SURE}: {', '.join(small)}" if small else ""
     families = "; ".join(filter(None, (families_text(step), others))) if families_text(step) else ""
     done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = [f"By family: {families}."] if families else []

@@ -300,7 +300,10 @@ class Tried:
         if (self.elsewhere or 0.0) >= 1.0:
             found.append("flights that are predicted from the others are predicted worse")
         if self.gain - np.log(choices) < SPECIFIC:
-            found.append(f"beside processes, the evidence is below {SPECIFIC:g} nats after its {choices} choices")
+            found.append(
+                f"processes may explain the flight instead: beside them it gains {self.gain:.1f} in ln evidence, and "
+                f"one of {choices} effects that were tried needs {SPECIFIC + np.log(choices):.1f}"
+            )
         if named_in < FINDING_REPEATED:
             found.append(f"fewer than {100.0 * FINDING_REPEATED:.0f} % of the repetitions name it")
         return tuple(found)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -160,9 +159,7 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
     if source.config.start != "none" or source.config.aero is not None:
         start = "the model given"
     elif has_schedule(first.model):
-        constant = start_model(source)
-        frame = first.data.frame.with_mechanisms(list(constant.mechanisms.values()))
-        models = [(start, fitted_about(replace(first.data, frame=frame), constant))]
+        models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
     models += zip((start, *added), fits, strict=True)
     return tuple(

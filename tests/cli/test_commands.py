@@ -148,6 +148,13 @@ class TestImport:
         assert done.returncode == 0, done.stderr
         assert load_flight(foreign / "flight.h5").p[0] == pytest.approx(np.radians(10.0))
 
+    def test_units_that_the_record_contradicts_are_warned_of_however_quiet_it_is(self, brv_hypo, foreign):
+        mapping = foreign / "map.yaml"
+        mapping.write_text(mapping.read_text().replace("units: Pa", "units: kPa"))
+        done = brv_hypo("import", "data.csv", "--map", "map.yaml", "-o", "flight.h5", "-q", cwd=foreign)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.startswith("brv-hypo: warning: the record contradicts itself (units): drag of ")
+
     def test_a_map_that_asks_for_what_is_not_there_ends_with_2(self, brv_hypo, foreign):
         mapping = foreign / "map.yaml"
         mapping.write_text(mapping.read_text().replace("column: wx", "column: wq"))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 import typer
 
+from brv_hypo.cli.analyses import expected_seconds
 from brv_hypo.cli.main import app
 from brv_hypo.cli.session import Session, as_json, guarded
 from brv_hypo.errors import FlightRecordError, UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
+from brv_hypo.simulation import simulate
 
 COMMANDS = (*("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),)
 
@@ -207,3 +211,14 @@ def test_the_console_script_is_the_program(brv_hypo):
 def test_what_takes_long_says_so_beforehand(seconds, quiet, expected, capsys):
     with Session(quiet=quiet).progress("tracing", seconds):
         assert capsys.readouterr().err == expected
+
+
+def test_a_record_of_many_cycles_takes_longer():
+    short = simulate("research_cone", seed=1, duration=2.0).flight
+    stamps = np.arange(8 * short.samples) * short.step
+    swings = np.sin(2.0 * np.pi * 5.0 * stamps)
+    many = dataclasses.replace(short, **{name: np.tile(values, 8) for name, values in short.arrays().items()})
+    many = dataclasses.replace(many, time=stamps, q=swings, r=0.0 * swings, segments=())
+    assert 4.0 < expected_seconds([short], 4.0) < 5.0
+    assert expected_seconds([many], 4.0) == pytest.approx(4.0 * (1.0 + 5.0 * 16.0 / 40.0), rel=0.05)
+    assert expected_seconds([short, many], 4.0) == expected_seconds([short], 4.0) + expected_seconds([many], 4.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from scipy.signal import lfilter
 
 from brv_hypo.comparison import CompareConfig, compare
-from brv_hypo.comparison.judgement import Judged, explained, judged, processes
+from brv_hypo.comparison.judgement import Judged, acts_since, explained, judged, processes
 from brv_hypo.comparison.preparation import linearised_about
 from brv_hypo.comparison.result import ProcessEstimate
 from brv_hypo.flight.record import Flight
@@ -240,6 +241,8 @@ def test_a_share_is_of_the_static_moments_rows(plant: tuple[str, ...]) -> None:
     assert whole == pytest.approx(np.linalg.norm(columns @ fit.values[: fit.baseline_size]), rel=1e-2)
     shares = {group.name: float(np.linalg.norm(one)) / whole for group, one in zip(rows.groups, made, strict=True)}
     assert {name: one.share_of_moment for name, one in held(found).items()} == pytest.approx(shares)
+    for process in moment_processes():
+        assert held(found)[process.name].size == pytest.approx(shares[process.name] * rows.moment)
     assert np.linalg.norm(np.sum(made, axis=0)) / whole <= sum(shares.values()) * (1.0 + 1e-12)
 
 
@@ -273,3 +276,16 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_holds_it() -> None
 )
 def test_of_air_of_another_density_the_process_of_density_holds_most() -> None:
     assert processes(in_other_air())[0].name == "density_change"
+
+
+@pytest.mark.parametrize(
+    ("knots", "columns", "said"),
+    [((), 1, ""), ((5.98,), 2, ""), ((0.05,), 1, ""), ((5.0,), 2, " until 5.00 s"), ((2.0,), 1, " from 2.00 s")],
+)
+def test_a_moment_that_changes_at_the_records_very_end_acts_throughout(
+    knots: tuple[float, ...], columns: int, said: str
+) -> None:
+    """A `magnus` of a constant coefficient was "a side moment until 5.98 s" of 6 s."""
+    frame = SimpleNamespace(coefficient_time=np.linspace(0.0, 6.0, 601), common=None)
+    fit: Any = SimpleNamespace(frame=frame, selected=(None,) * columns)
+    assert acts_since(fit, knots) == said

@@ -186,6 +186,11 @@ def test_a_table_without_time_is_refused(tmp_path: Path) -> None:
         ("v_rel_mps", "velocity", "m/s"),
         ("rho_kgm3", "density", "kg/m^3"),
         ("TimeStamp_us", "time", "us"),
+        ("Stamp_days", "time", "day"),
+        ("time_hours", "time", "hour"),
+        ("t_min", "time", "min"),
+        ("time [milliseconds]", "time", "ms"),
+        ("PDYN_psf", "dynamic_pressure", "psf"),
         ("Mach", "mach", "dimensionless"),
     ],
 )
@@ -231,6 +236,16 @@ def test_measured_logs_are_guessed_right() -> None:
 def test_units_at_the_end_of_a_name_are_read_with_their_capitals(column: str, channel: str, units: str) -> None:
     assert by_name([column])[0] == {channel: column}
     assert units_in(column, CHANNEL_DIMENSIONS[channel]) == units
+
+
+@pytest.mark.parametrize(("name", "size", "units"), [("Stamp_days", 86400.0, "day"), ("t_min", 60.0, "min")])
+def test_units_of_time_that_a_name_states_stand(tmp_path: Path, name: str, size: float, units: str) -> None:
+    """Days were taken for seconds, of 17 MHz; minutes as seconds have a rate that recorders have."""
+    log = logged()
+    columns = {name: log["time"] / size, **{channel: values for channel, values in log.items() if channel != "time"}}
+    guess = guess_map(write_csv(tmp_path / "log.csv", columns))
+    assert channels_of(guess.text)["time"]["units"] == units
+    assert not any(each.startswith("time:") for each in guess.unsure)
 
 
 @pytest.mark.parametrize("struct", ["", "log"])

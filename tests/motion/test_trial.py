@@ -10,6 +10,7 @@ import pytest
 from brv_hypo import compare
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
+from brv_hypo.flight.format import assemble, unassemble
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.motion import try_record
 from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
@@ -67,6 +68,41 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
     assert not trial.sound
     assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [(channel, fault, True)]
     assert "correct the map" in trial.faults[0].action
+
+
+@pytest.mark.parametrize(
+    ("spoil", "missing", "channel"),
+    [
+        ({"velocity": 1.0 / FEET}, ("altitude",), "velocity"),
+        ({"velocity": 1.0 / FEET}, ("dynamic_pressure",), "velocity"),
+        ({"velocity": 3600.0 / 1852.0}, (), "velocity"),
+        ({"dynamic_pressure": 1.0 / 47.88026}, ("altitude",), "dynamic_pressure"),
+    ],
+)
+def test_air_data_that_follow_from_the_speed_are_no_witness_of_its_units(flights, spoil, missing, channel):
+    """Without altitude the density follows from a wrong speed: the accelerometers were blamed for it."""
+    record = unassemble(flights["cone"])
+    left_out = {*missing, "density", "mach", "reynolds"}
+    channels = {name: spoil.get(name, 1.0) * each for name, each in record.channels.items() if name not in left_out}
+    trial = try_record(assemble(record.model_copy(update={"channels": channels, "notes": ()})))[1]
+    assert channel in {one.channel for one in trial.faults if one.decisive}
+    assert not any(one.channel in ("ax", "ax, ay, az") for one in trial.faults)
+
+
+def test_a_drag_of_no_body_names_the_units_of_pressure_that_would_make_it_usual(flights):
+    spoilt = scaled(flights["capsule"], 1.0 / 47.88026, "dynamic_pressure")
+    said = [one.action for one in try_record(spoilt)[1].faults if one.channel == "ax, dynamic_pressure"]
+    assert len(said) == 1
+    assert "it is usual if the pressure is in lbf/ft^2, tagged Pa" in said[0]
+
+
+def test_a_speed_that_its_mach_number_contradicts_is_named(flights):
+    """In knots, without altitude: nothing else shows that."""
+    flight = flights["cone"]
+    flight = replace(flight, altitude=None, mach=flight.velocity / 300.0)
+    assert try_record(flight)[1].sound
+    faults = try_record(scaled(flight, 3600.0 / 1852.0, "velocity"))[1].faults
+    assert ("velocity, mach", "units", True) in [(one.channel, one.fault, one.decisive) for one in faults]
 
 
 @pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])

@@ -189,8 +189,15 @@ class TestTerminal:
 
     def test_a_process_has_its_size_with_error_and_unit_and_its_multiple_of_an_ordinary_size(self) -> None:
         shown = printed(graded())
-        assert line_of(shown, "turbulence") == ["turbulence", "air", "1.43", "0.21", "m/s", "14", "×", "1.6", "%"]
-        assert line_of(shown, "static_change")[-4:] == ["5.1", "×", "4.9", "%"]
+        assert line_of(shown, "turbulence") == ["turbulence", "air", "1.6", "%", "1.43", "0.21", "m/s", "14", "×"]
+        assert line_of(shown, "static_change")[2:4] + line_of(shown, "static_change")[-2:] == ["4.9", "%", "5.1", "×"]
+
+    def test_a_process_below_its_sigma_is_said_to_be_so_after_the_others_and_with_verbose_only(self) -> None:
+        doubtful = process("flow", "body", 0.09 * MOMENT, "1", 0.09, 0.01 * MOMENT)
+        doubtful = doubtful.model_copy(update={"std_error": 1.2 * doubtful.size})
+        found = graded(processes=(doubtful, *PROCESSES[:2]))
+        assert "below sigma" not in printed(found)
+        assert line_of(printed(found, verbose=True), "flow")[2:5] == ["–", "below", "sigma"]
 
     def test_a_process_of_one_s_own_is_named_beside_one_that_drifts_alike(self) -> None:
         """A drift of the gyros may be taken for theirs in general."""

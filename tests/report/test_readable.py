@@ -51,6 +51,20 @@ def test_every_hypothesis_has_its_own_knots_marked() -> None:
     assert seen >= 1
 
 
+def test_dashed_lines_without_a_name_are_in_the_legend() -> None:
+    line = Line([0.0, 4.0], [1.0, 2.0], "first", "estimate")
+    chart = Setting((0.0, 4.0), [1.0, 2.0]).chart("moments", "Moments", [Panel("y", [line])])
+    assert [trace["name"] for trace in plotly_chart(chart)["traces"] if trace["showlegend"]] == ["estimate", "knots"]
+    (legend,) = chart_figure(chart).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["estimate", "knots"]
+
+
+def test_knots_that_a_chart_cannot_show_apart_are_one_line() -> None:
+    pulse = compared_nominal().baseline.terms[0].model_copy(update={"region_s": (2.0, 2.02)})
+    wide = pulse.model_copy(update={"region_s": (3.0, 4.0)})
+    assert knots_of([pulse, wide], 0.0, 6.0) == [2.0, 3.0, 4.0]
+
+
 def test_terms_are_counted_in_whole_numbers() -> None:
     dots = Panel("y", [Line([0, 1], [2.0, 1.0], "first", dots=True)])
     chart = Chart("cp", "C_p", "terms", [dots], range=(-0.5, 2.0), counted=True)

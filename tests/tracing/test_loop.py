@@ -11,8 +11,10 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import share
-from brv_hypo.report.document import Table, Texts, flat
-from brv_hypo.report.trace import families_text, trace_document
+from brv_hypo.report.document import Bars, Line, Table, Texts, flat
+from brv_hypo.report.figures import chart_figure
+from brv_hypo.report.html import plotly_chart
+from brv_hypo.report.trace import families_chart, families_text, trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
@@ -165,6 +167,39 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
     assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
     assert document.ahead == ()
+
+
+def test_the_chart_of_families_marks_those_that_the_text_is_not_sure_of() -> None:
+    surely = Family(family="body", share=0.83, interval_95=(0.7, 0.9))
+    doubtful = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
+    step = traced_trim().steps[0].model_copy(update={"decomposition": (surely, doubtful)})
+    chart = families_chart(step)
+    bars = [(layer.names, layer.role, layer.name) for layer in chart.panels[0].layers if isinstance(layer, Bars)]
+    assert bars == [(["body"], "second", ""), (["air"], "none", "not surely above 0.5 %")]
+    assert [trace["name"] for trace in plotly_chart(chart)["traces"] if trace["showlegend"]] == [bars[1][2]]
+    assert [text.get_text() for text in chart_figure(chart).axes[0].get_yticklabels()] == ["body", "air"]
+
+
+def test_before_and_after_are_drawn_where_something_was_added() -> None:
+    traced = traced_trim()
+    nothing = traced.model_copy(update={"steps": (traced.steps[0].model_copy(update={"added": None}),)})
+    for result, names in ((traced, {"before", "after"}), (nothing, {"residual"})):
+        chart = next(chart for chart in trace_document(result).charts if chart.name == "residuals")
+        assert {layer.name for panel in chart.panels for layer in panel.layers if isinstance(layer, Line)} == names
+
+
+def test_a_hint_is_followed_by_what_to_do_next() -> None:
+    said = trace_document(traced_trim().model_copy(update={"hints": ("trim",), "findings": ()})).conclusion
+    assert "Hints, no findings: trim. To go on: `brv-hypo compare FLIGHT.h5 --mechanisms trim` weighs it; " in said
+    assert "`brv-hypo predict OTHER.h5 --model MODEL.yaml`" in said
+
+
+def test_what_is_nearly_collinear_points_to_where_its_values_are() -> None:
+    (found,) = traced_trim().damping
+    beside = found.model_copy(update={"collinear_with": {"two_lobes": (0.999,) * len(found.time_s)}})
+    said = trace_document(traced_trim().model_copy(update={"damping": (beside,)})).conclusion
+    (line,) = (line for line in said.splitlines() if line.startswith("C_mq is nearly collinear with two_lobes"))
+    assert "Its values there and their errors (coefficients along the flight: -v, and on the page) hold only" in line
 
 
 def test_a_step_says_nothing_twice() -> None:
