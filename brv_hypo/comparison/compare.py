@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
-from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart, events_unreached
+from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart, events_unreached, motions_beside
 from brv_hypo.comparison.intervals import out_of_bounds
 from brv_hypo.comparison.judgement import (
     Hypotheses,
@@ -33,7 +33,7 @@ from brv_hypo.comparison.judgement import (
 from brv_hypo.comparison.limits import limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
-from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
+from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import (
     Candidate,
     Fit,
@@ -157,10 +157,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         total=finished - begun,
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
-    # What the first reconstruction warns of is of the record, whatever the motion that the leader is linear about.
-    said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
-    about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
-    known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
+    motions = motions_beside(beside, reconstructions)
+    known = {"reconstruction": motion_summary(motions), **diagnostics(beside, comparison, motions)}
     verdict = with_far_error(comparison.verdict, known["record_errors"])
     leader = comparison.ranking[0]
     if acts := leader.acting:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
-from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
+from brv_hypo.inference.derivatives import along_flights, as_planted, damping, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
@@ -21,12 +22,16 @@ from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
+from brv_hypo.linearisation.propagated_motion import PropagatedMotion
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
+from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, Reconstruction
+from brv_hypo.motion.responses import perturbed
+from brv_hypo.motion.signals import rms
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
@@ -34,8 +39,10 @@ MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 
-def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
-    """Fields of a comparison: what is known of its leader, and how each hypothesis predicts what was held out."""
+def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
+    """Fields of a comparison: what is known of its leader, and how each hypothesis predicts what was held out;
+    `motions` of all flights as `motions_beside` has them.
+    """
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains = {each.name: _held_out(judged, k) for k, each in enumerate(judged.fits)}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
@@ -57,8 +64,37 @@ def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
-        "series": tuple(_series(judged, k, histories, alone) for k in range(len(comparison.flights))),
+        "series": tuple(_series(judged, k, histories, alone, motions[k]) for k in range(len(motions))),
     }
+
+
+def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Reconstruction, ...]:
+    """The motion of each flight that the leader is linear about, its standard deviations with what the record shows.
+
+    Those of the `first` reconstructions are by stated errors alone. A model that lacks something moves the motion as it
+    makes up for it, and processes of record and air move it too: the rms of either counts as one more error, in every
+    direction alike.
+    """
+    own = judged.evidences[judged.leader]
+    problem, found = own.rows.problem, []
+    every = zip(problem.records, problem.frame.reconstructions, first, strict=True)
+    for number, (record, motion, before) in enumerate(every):
+        flight, use = record.flight, record.measured
+        for process in record_processes():
+            for component, much in as_planted(own, process, number).items():
+                flight = process.perturb(flight, component, -much)
+        (without,) = perturbed(record, [flight])
+        shift = PropagatedMotion.of(record, motion).crossflow(without) - motion.crossflow
+        off = float(np.hypot(rms(shift[use]), rms((motion.crossflow - before.crossflow)[use])) / np.sqrt(2.0))
+        turn = np.minimum(off / np.maximum(motion.motion.alpha, 1e-12), UNKNOWN_ANGLE)
+        known = replace(
+            motion,
+            alpha_sigma=np.hypot(motion.alpha_sigma, off),
+            phi_w_sigma=np.minimum(np.hypot(motion.phi_w_sigma, turn), UNKNOWN_ANGLE),
+            warnings=tuple(dict.fromkeys((*before.warnings, *motion.warnings))),
+        )
+        found.append(known)
+    return tuple(found)
 
 
 def _held_out(judged: Judged, place: int) -> dict[str, float]:
@@ -215,8 +251,12 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
     return _AsJudged(rest, *residual_moments(frame, problem.records, rates).body.T)
 
 
-def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None) -> Series:
-    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone."""
+def _series(
+    judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None, known: Reconstruction
+) -> Series:
+    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone; its motion is
+    `known`.
+    """
     own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
     frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
     observed = residual_moments(frame, problem.records, frame.observed)
@@ -241,17 +281,17 @@ def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: s
     bodies = [np.where(observed.usable, each, np.nan)[rows] for each in bodies]  # the filter's ends hold nothing
     planes = [plane_from_body(each, motion.windward_meridian[kept]) for each in bodies]
     moments = [(tuple(each.real.tolist()), tuple(each.imag.tolist())) for each in planes]
-    known, count = list(map(tuple, np.concatenate(channels, axis=1).tolist())), 1 + len(found)
+    drawn, count = list(map(tuple, np.concatenate(channels, axis=1).tolist())), 1 + len(found)
     return Series(
         measured=moments[0],
         sigma=tuple(observed.noise[rows].tolist()),
         fitted=dict(zip(found, moments[1:], strict=False)),
         residuals=dict(zip(found, moments[count:], strict=False)),
         alone=() if best is None else tuple(moments[-2:]),
-        channels=dict(zip(_CHANNELS, zip(known[::2], known[1::2], strict=True), strict=True)),
+        channels=dict(zip(_CHANNELS, zip(drawn[::2], drawn[1::2], strict=True), strict=True)),
         whitened=whitened(own, flight),
         histories=_histories(own, flight),
-        **motion_histories(frame.reconstructions[flight], kept),
+        **motion_histories(known, kept),
     )
 
 

@@ -108,17 +108,22 @@ def summarise(
     return Comparison(
         flights=tuple(flight_summary(r.flight) for r in reconstructions),
         reference_flight=None if problem.frame.common is None else problem.frame.common.reference + 1,
-        reconstruction=ReconstructionSummary(
-            method=reconstructions[0].method,
-            alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
-            phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
-            warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
-        ),
+        reconstruction=motion_summary(reconstructions),
         baseline=BaselineSummary(terms=_terms(fits[order[0]], slice(fits[order[0]].baseline_size))),
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
         disagreements=criteria_disagree(ranking, verdict.probability, impossible),
+    )
+
+
+def motion_summary(reconstructions: Sequence[Reconstruction]) -> ReconstructionSummary:
+    """How well the motions of all flights are known, and what limits them."""
+    return ReconstructionSummary(
+        method=reconstructions[0].method,
+        alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
+        phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
+        warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
     )
 
 
