@@ -14,7 +14,7 @@ from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
-from brv_hypo.inference.derivatives import along_flights, as_planted, damping, slope, value, with_processes
+from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
@@ -22,7 +22,6 @@ from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
-from brv_hypo.linearisation.propagated_motion import PropagatedMotion
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at, decimals
@@ -30,7 +29,6 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, Reconstruction
-from brv_hypo.motion.responses import perturbed
 from brv_hypo.motion.signals import rms
 from brv_hypo.subset.criteria import Criteria
 
@@ -72,21 +70,13 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
     """The motion of each flight that the leader is linear about, its standard deviations with what the record shows.
 
     Those of the `first` reconstructions are by stated errors alone. A model that lacks something moves the motion as it
-    makes up for it, and processes of record and air move it too: the rms of either counts as one more error, in every
-    direction alike.
+    makes up for that: the rms of this counts as one more error, in every direction alike.
     """
-    own = judged.evidences[judged.leader]
-    problem, found = own.rows.problem, []
-    every = zip(problem.records, problem.frame.reconstructions, first, strict=True)
-    for number, (record, motion, before) in enumerate(every):
-        flight, use = record.flight, record.measured
-        for process in record_processes():
-            for component, much in as_planted(own, process, number).items():
-                flight = process.perturb(flight, component, -much)
-        (without,) = perturbed(record, [flight])
-        shift = PropagatedMotion.of(record, motion).crossflow(without) - motion.crossflow
-        off = float(np.hypot(rms(shift[use]), rms((motion.crossflow - before.crossflow)[use])) / np.sqrt(2.0))
-        turn = np.minimum(off / np.maximum(motion.motion.alpha, 1e-12), UNKNOWN_ANGLE)
+    found = []
+    for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
+        moved = (motion.crossflow - before.crossflow)[motion.flight.measured()]
+        off = rms(moved) / np.sqrt(2.0)
+        turn = off / np.maximum(motion.motion.alpha, 1e-12)
         known = replace(
             motion,
             alpha_sigma=np.hypot(motion.alpha_sigma, off),
