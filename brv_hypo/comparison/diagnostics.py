@@ -14,7 +14,7 @@ from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
-from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
+from brv_hypo.inference.derivatives import along_flights, damping, process_history, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
@@ -26,7 +26,6 @@ from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, Reconstruction
 from brv_hypo.motion.signals import rms
@@ -294,17 +293,6 @@ def _histories(own: Evidence, flight: int) -> dict[str, Any]:
         pairs = zip(*(each.tolist() for each in known), strict=True)
         found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
     return found
-
-
-def process_history(
-    own: Evidence, place: int, splines: int, flight: int, shares: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """A process of so many splines at shares of a flight's time: each shape or channel (kinds, times), and errors."""
-    known = time_splines(shares, 0.0, 1.0, splines).T
-    values, sigmas = (
-        np.split(each, len(own.rows.blocks))[flight].reshape(-1, splines) for each in own.spline_coefficients(place)
-    )
-    return values @ known, np.sqrt(sigmas**2 @ known**2)
 
 
 def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:

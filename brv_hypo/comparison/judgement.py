@@ -35,7 +35,7 @@ from brv_hypo.comparison.with_processes import (
     with_its_evidence,
 )
 from brv_hypo.constants import OUTSIDE, SEARCH_MISSED, SEARCH_OUT_OF_REACH
-from brv_hypo.inference.derivatives import as_planted
+from brv_hypo.inference.derivatives import as_planted, moment_of_process
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     HypothesisFit,
@@ -305,17 +305,21 @@ def _noise_share(judged: Judged) -> float:
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
-    """Every process beside the leader, the one that makes most of the record first."""
+    """Every process beside the leader, the largest share of the moment first: of errors of record and air that of the
+    rates that they make in those of the static moment.
+    """
     own, rows, found = judged.evidences[judged.leader], judged.rows, []
     every: tuple[Process, ...] = (*record_processes(), *moment_processes())
     known = {each.name: each for each in every}
     for k, group in enumerate(rows.groups):
-        share = float(np.linalg.norm(own.made_by(k))) / rows.static
-        planted = as_planted(own, known[group.name], 0) if share > LEAST_PROCESS else {}
-        size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
-        if isinstance(known[group.name], MomentProcess) and size > 0.0:
-            # By what it makes of the record, not by coefficients of a shape that the flight may hardly show.
-            size, error = share * group.size, share * group.size * error / size
+        process = known[group.name]
+        if isinstance(process, MomentProcess):
+            size, error = moment_of_process(own, k, process)
+            share = size / rows.moment
+        else:
+            size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
+            share = float(np.linalg.norm(own.made_by(k))) / rows.static
+        planted = as_planted(own, process, 0) if share > LEAST_PROCESS else {}
         found.append(
             ProcessEstimate(
                 name=group.name,

@@ -209,10 +209,10 @@ LEAST_PROCESS = 1e-3  # share of the static moment above which a process is show
 class ProcessEstimate(NullIsNaN):
     """A process beside the leader: rms `size` with its standard error, in `units`.
 
-    `share_of_moment`: rms of what it makes of the record over that of the static moment. `size`: of a moment the same
-    as a moment coefficient, of instruments and air the rms of its splines' coefficients. `tolerance`: one unit of its
-    amplitude, an ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a simulation
-    plants it again, under `mechanisms` or `instruments.errors`; empty of one that makes less than `LEAST_PROCESS`.
+    `size`: the rms of the moment coefficient that it makes, of instruments and air that of its splines' coefficients.
+    `share_of_moment`: that over the moment's rms, of instruments and air by the rates that they make. `tolerance`: one
+    unit of its amplitude, an ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a
+    simulation plants it again, under `mechanisms` or `instruments.errors`; empty of one below `LEAST_PROCESS`.
     """
 
     name: str

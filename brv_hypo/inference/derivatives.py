@@ -215,6 +215,32 @@ def _along(
 # ---- Processes at their mode ----
 
 
+def process_history(
+    own: Evidence, place: int, splines: int, flight: int, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A process of so many splines at shares of a flight's time: each shape or channel (kinds, times), and errors."""
+    known = time_splines(shares, 0.0, 1.0, splines).T
+    values, sigmas = (
+        np.split(each, len(own.rows.blocks))[flight].reshape(-1, splines) for each in own.spline_coefficients(place)
+    )
+    return values @ known, np.sqrt(sigmas**2 @ known**2)
+
+
+def moment_of_process(own: Evidence, place: int, process: MomentProcess) -> tuple[float, float]:
+    """The rms over all flights of the moment coefficient that a process makes, and of its standard error, those of the
+    splines taken as independent.
+    """
+    squares, variances = list[FloatArray](), list[FloatArray]()
+    for flight, motion in enumerate(own.rows.frame.motions):
+        shares = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])
+        values, errors = process_history(own, place, process.splines, flight, shares)
+        shapes = np.array(process.shapes(motion)) / max(rms_of_shapes(process, motion), 1e-300)
+        squares.append(np.abs(np.sum(shapes * values, axis=0)) ** 2)
+        variances.append(np.sum(np.abs(shapes) ** 2 * errors**2, axis=0))
+    size, error = (float(np.sqrt(np.mean(np.concatenate(each)))) for each in (squares, variances))
+    return size, error
+
+
 def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]:
     """The coefficient of every spline on a flight at its mode, by the name under which a simulation plants it."""
     place = [group.name for group in own.rows.groups].index(process.name)

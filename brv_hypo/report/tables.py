@@ -54,10 +54,10 @@ LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 _OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
 SLOW = "drifts, gusts and the like, in every hypothesis"
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled, in every hypothesis. of moment: rms of what it makes of "
-    "the record, over the static moment's; rms size: the same as a moment coefficient C_m, or of instruments and air "
-    "the rms of their error; relative: that over an ordinary size. Below its sigma: the record does not say that this "
-    "one acts, and another may make the same."
+    "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
+    "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
+    "and air by the rates that they make; relative: the size over an ordinary one. Below its sigma: the record does "
+    "not say that this one acts, and another may make the same."
 )
 
 _VEHICLE = (

@@ -19,10 +19,10 @@ from functools import cached_property, reduce
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.diagnostics import process_history
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
 from brv_hypo.constants import FAMILY_SPLINES, RECORD_EFFECT_LARGEST
+from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error

@@ -18,6 +18,7 @@ from brv_hypo.comparison.preparation import linearised_about
 from brv_hypo.comparison.result import ProcessEstimate
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Evidence
+from brv_hypo.inference.derivatives import as_planted
 from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import FAMILIES
@@ -231,19 +232,21 @@ def test_every_process_is_there_and_holds_next_to_nothing_where_none_is_planted(
 
 
 @pytest.mark.parametrize("plant", [(), ("bodyfixed",)])
-def test_a_share_is_of_the_static_moments_rows(plant: tuple[str, ...]) -> None:
-    """Several processes together make no more than the sum of what each does."""
+def test_the_size_of_a_process_is_that_of_the_moment_that_it_plants(plant: tuple[str, ...]) -> None:
+    """Of instruments and air the share is that of the static moment's rows."""
     found = judged_cone(*plant)
-    own, rows, fit = found.evidences[found.leader], found.rows, found.fits[found.leader]
-    columns = rows.problem.raw_design(rows.frame_of(fit), fit.columns[: fit.baseline_size])[: rows.y.size]
-    made = [own.made_by(k) for k in range(len(rows.groups))]
-    whole = rows.static
-    assert whole == pytest.approx(np.linalg.norm(columns @ fit.values[: fit.baseline_size]), rel=1e-2)
-    shares = {group.name: float(np.linalg.norm(one)) / whole for group, one in zip(rows.groups, made, strict=True)}
-    assert {name: one.share_of_moment for name, one in held(found).items()} == pytest.approx(shares)
+    own, rows, each = found.evidences[found.leader], found.rows, held(found)
+    (motion,) = rows.frame.motions
     for process in moment_processes():
-        assert held(found)[process.name].size == pytest.approx(shares[process.name] * rows.moment)
-    assert np.linalg.norm(np.sum(made, axis=0)) / whole <= sum(shares.values()) * (1.0 + 1e-12)
+        acting = process.model_copy(update={"start": float(motion.time[0]), "stop": float(motion.time[-1])})
+        planted, terms = as_planted(own, process, 0), acting.terms(motion, {})
+        moment = sum(planted[term.name] * (term.in_plane + 1j * term.out_of_plane) for term in terms)
+        size = float(np.sqrt(np.mean(np.abs(moment) ** 2)))
+        assert each[process.name].size == pytest.approx(size, rel=1e-6, abs=1e-15)
+        assert each[process.name].share_of_moment == pytest.approx(size / rows.moment, rel=1e-6, abs=1e-12)
+    for place, process in enumerate(record_processes()):
+        share = np.linalg.norm(own.made_by(place)) / rows.static
+        assert each[process.name].share_of_moment == pytest.approx(share)
 
 
 PROFILE = 0.05
