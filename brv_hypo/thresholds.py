@@ -180,5 +180,6 @@ ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", 
 MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)
 FURTHER_REGION = threshold(10.0, "nats", "a mechanism acts in a further region: twice very strong", _FLIGHTS)
 FAR_TOLERANCES = threshold(5.0, "1", "tolerances of an error beside which a cause is not established", _FLIGHTS)
+FAR_PROCESS = threshold(20.0, "1", "ordinary sizes of an error's process: its channel is bad", "1.5 sigma of its prior")
 NOISE_EXCESS = threshold(1.2, "1", "a residual is no noise: its mean square over the noise's", _FLIGHTS)
 REFUSED = threshold(0.05, "1", "chance of a difference, below which a flight contradicts a frozen model", "Fisher 1925")

@@ -163,8 +163,8 @@ def trace(
             session.warn(f"nothing was discovered, so {mechanism_file} is not written")
         else:
             write_whole(mechanism_file, mechanism_text(result.discovered))
-            compared = f"brv-hypo compare FLIGHT.h5 --mechanisms {mechanism_file}"
-            session.show(f"Wrote {mechanism_file}: `{compared}` compares it.")
+            compared = f"brv-hypo compare FLIGHT.h5 --plugin {mechanism_file}"
+            session.show(f"Wrote {mechanism_file}: `{compared}` compares it with the mechanisms.")
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:

@@ -73,7 +73,9 @@ def limits(
     whole, columns, values = with_processes(evidence, frame, leader.columns, leader.values)
     moment = float(np.sqrt(np.mean(np.abs(whole.moments(columns) @ values) ** 2)))
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
+    whole_record = np.ptp(frame.coefficient_time)
     known: dict[str, float] = {}
+    in_part: dict[str, float] = {}
     sizes: dict[str, dict[str, float]] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
@@ -81,13 +83,17 @@ def limits(
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
             rooms = _rooms(shapes, weight)
-            known[mechanism.name] = max(map(Shape.largest, shapes, rooms), default=float("inf")) / moment
+            largest = list(map(Shape.largest, shapes, rooms))
+            known[mechanism.name] = max(largest, default=float("inf")) / moment
+            parts = [size for size, each in zip(largest, shapes, strict=True) if np.ptp(each.region) < whole_record]
+            in_part[mechanism.name] = max(parts, default=float("inf")) / moment
             sizes[mechanism.name] = _coefficients(shapes, rooms, frame, mechanism)
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
     return tuple(
         MechanismLimit(
             mechanism=name,
             share_of_moment_95=share,
+            share_in_part_95=max(in_part.get(each.name, float("nan")) for each in hypotheses[name]),
             coefficient_95=share * moment,
             coefficients_95={k: v for each in hypotheses[name] for k, v in sizes.get(each.name, {}).items()},
         )

@@ -15,13 +15,13 @@ from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
-from brv_hypo.thresholds import FAR_TOLERANCES, NOISE_LEVEL
+from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL
 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
-BUT_MARKED = ", but for values marked *"
+BUT_MARKED = ", but none that is marked *"
 
 
 class TermEstimate(NullIsNaN):
@@ -225,16 +225,22 @@ class ProcessEstimate(NullIsNaN):
     planted: dict[str, float] = Field(default_factory=dict)
 
     @property
-    def as_planted(self) -> str:
-        """The entry of a simulation's configuration that plants it again."""
-        terms = ", ".join(f"{name}: {value:.3g}" for name, value in self.planted.items())
-        if not any(name.startswith(f"{self.name} ") for name in self.planted):  # which terms of moments do
-            return f"instruments: {{errors: {{{self.name}: {{{terms}}}}}}}"
-        return f"mechanisms: [{{mechanism: {self.name}, kind: constant, terms: {{{terms}}}}}]"
+    def is_of_moment(self) -> bool:
+        """Whether it is a moment, not an error of instruments or air."""
+        return self.family in ("stiffness", "rate", "side", "body", "harmonic")
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is an error of instruments or air far beyond an ordinary size."""
+        ordinary = FAR_PROCESS * self.tolerance
+        return (
+            not self.is_of_moment and self.size > max(self.std_error, ordinary) and self.share_of_moment > LEAST_PROCESS
+        )
 
 
 class MechanismLimit(NullIsNaN):
-    """The largest share of the moment's rms that a mechanism may have, at 95 %, and that as an rms moment coefficient.
+    """The largest share of the moment's rms that a mechanism may have, at 95 %, and that as an rms moment coefficient;
+    `share_in_part_95` where it does not act throughout, as trim and the baseline do (NaN of the leader).
 
     NaN where nothing is adequate, or the record says nothing of the mechanism's size. `coefficients_95`: by term the
     largest size of its coefficient if the mechanism acts for a quarter of the record or longer beside the leader, not
@@ -243,6 +249,7 @@ class MechanismLimit(NullIsNaN):
 
     mechanism: str
     share_of_moment_95: float = float("nan")
+    share_in_part_95: float = float("nan")
     coefficient_95: float = float("nan")
     coefficients_95: dict[str, float] = Field(default_factory=dict)
 
@@ -460,6 +467,9 @@ class Comparison(HasCharts, Result):
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
+        far = [f"{e.name} {number(e.size / e.tolerance, 2)} times" for e in self.verdict.processes if e.is_far]
+        if far:
+            lines.append(f"Far beyond an ordinary size: {', '.join(far)}. Check these channels.")
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."

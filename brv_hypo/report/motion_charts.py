@@ -56,15 +56,21 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
+    few = "A few values far from all others lie beyond the frame."
     said = {
-        Line: "A few values far from all others lie beyond the frame.",
-        Band: "The band is far wider than what is drawn, and goes beyond the frame.",
+        Line: (few, few),
+        Band: (
+            "In a few places the band goes beyond the frame.",
+            "The band is far wider than what is drawn, and goes beyond the frame.",
+        ),
     }
-    for kind, sentence in said.items():
+    for kind, (places, everywhere) in said.items():
         for panel in panels:
             values = _values(panel, kind)
-            if panel.range is not None and np.any((values < panel.range[0]) | (values > panel.range[1])):
-                return sentence
+            low, high = (-np.inf, np.inf) if panel.range is None else panel.range
+            beyond = np.mean((values < low) | (values > high)) if values.size else 0.0
+            if beyond > 0.0:
+                return everywhere if beyond > 0.5 else places
     return ""
 
 

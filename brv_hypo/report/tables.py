@@ -51,13 +51,12 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
-_OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
 SLOW = "drifts, gusts and the like, in every hypothesis"
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
     "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
     "and air by the rates that they make; relative: the size over an ordinary one. Below its sigma: the record does "
-    "not say that this one acts, and another may make the same."
+    "not say that this one acts, and another may make the same. To simulate them: verdict.processes, planted (--json)."
 )
 
 _VEHICLE = (
@@ -133,7 +132,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
                 "of moment": share(each.share_of_moment) if exceeds else NOT_A_NUMBER,
                 "rms size": known_to(each.size, each.std_error) if exceeds else "below sigma",
                 "sigma": number(each.std_error, 2),
-                "unit": "C_m" if each.family in _OF_MOMENTS else each.units,
+                "unit": "C_m" if each.is_of_moment else each.units,
                 "relative": f"{number(each.size / each.tolerance, 2)} ×" if exceeds else NOT_A_NUMBER,
             }
         )
@@ -147,7 +146,7 @@ def _one_drift(comparison: Comparison) -> list[str]:
     said = []
     for each in shown_processes(comparison):
         kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
-        if each.family not in _OF_MOMENTS and len(kin) > 1:
+        if not each.is_of_moment and len(kin) > 1:
             said.append(
                 f"{' and '.join(sorted(kin))} may be one drift ({each.family}): the data may give it to either."
             )
@@ -160,12 +159,10 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
     none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the static moment.",)
     others = (f"At most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
-    simulated = "To simulate the largest: entries for a configuration of brv-hypo simulate (join those of one key)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),
         Texts(others, bullets=False, shown="verbose"),
-        Texts([each.as_planted for each in shown[:ROWS_AT_FIRST]], simulated, shown="page"),
     ]
 
 
@@ -252,7 +249,8 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
 
 
-ACTING_LONG = "Acting for a quarter of the record or longer, but not throughout as a trim does"
+ACTING_LONG = "In a part of a quarter of the record or longer"
+IN_A_PART = "In a part: not throughout, as trim and the baseline do, which may take up far more."
 
 
 def limit_blocks(comparison: Comparison) -> list[Block]:
@@ -263,8 +261,9 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     known = [each for each in verdict.limits if np.isfinite(each.share_of_moment_95)]
     rows = [
         {
-            "mechanism": each.mechanism,
+            "mechanism": each.mechanism + (" (leader)" if each.mechanism == comparison.ranking[0].mechanism else ""),
             "of the moment's rms": share(each.share_of_moment_95),
+            "in a part": share(each.share_in_part_95) if np.isfinite(each.share_in_part_95) else NOT_A_NUMBER,
             "C_m, rms": number(each.coefficient_95, 2),
             **({} if scale is None else {"N m, rms": number(each.coefficient_95 * scale, 2)}),
         }
@@ -273,6 +272,8 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
     said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
     sizes = [f"{name} {number(size, 2)}" for each in known for name, size in each.coefficients_95.items()]
+    if rows:
+        said.append(IN_A_PART)
     if sizes:
         said.append(f"{ACTING_LONG}, at most: {', '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):

@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.comparison.result import beyond_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
+from brv_hypo.mechanisms.registry import compared
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
@@ -221,7 +222,9 @@ def trace_document(result: Trace) -> Document:
 def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        left = share(result.account[-1].held_out / result.steps[0].error_before.held_out)
+        last = next(step for step in reversed(result.steps) if step.status == "finding")
+        after = last.error_before if last.error_after is None else last.error_after
+        left = share(after.held_out / result.steps[0].error_before.held_out)
         return f"Found: {', '.join(result.findings)}; the held-out error is {left} of what it is without."
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
@@ -231,13 +234,18 @@ def _found_text(result: Trace) -> str:
 def next_step(result: Trace) -> str:
     """How to go on from hints: against their rivals on this flight, and on another flight."""
     kinds = {each.effect: each.kind for step in result.steps for each in step.candidates}
-    listed = [name for name in result.hints if kinds.get(name) == "mechanism"]
-    written = ""
+    named, usual = [name for name in result.hints if kinds.get(name) == "mechanism"], compared([])
+    rivals = [*usual, *(name for name in named if name not in usual)] if set(named) - set(usual) else []
+    options, written = "", ""
     if result.discovered is not None:
-        listed, written = [*listed, "FILE.yaml"], " (with what was discovered, by --write-mechanism FILE.yaml)"
-    compared = f"`brv-hypo compare FLIGHT.h5 --mechanisms {','.join(listed)}` weighs it{written}; " if listed else ""
+        written = ", with what --write-mechanism FILE.yaml writes here,"
+        options = " --plugin FILE.yaml"
+    if rivals:
+        options = f" --mechanisms {','.join(rivals)}" + options
+    weighed = f"`brv-hypo compare FLIGHT.h5{options}`{written} weighs it against its rivals; "
+    first = weighed if named or result.discovered is not None else ""
     return (
-        f"To go on: {compared}`brv-hypo predict OTHER.h5 --model MODEL.yaml`, with what --write-model MODEL.yaml "
+        f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml`, with what --write-model MODEL.yaml "
         "writes here, tells whether it holds on another flight."
     )
 

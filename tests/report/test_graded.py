@@ -166,10 +166,12 @@ class TestTerminal:
     def test_limits_are_on_the_first_screen_whatever_is_named(self, outcome: str, winner: str | None) -> None:
         """Of the moment's rms, as a moment coefficient and in N m; they are no sign of a mechanism."""
         large = MechanismLimit(mechanism="inplane", share_of_moment_95=1.9, coefficient_95=1.9 * MOMENT)
-        limit = MechanismLimit(mechanism="damping", share_of_moment_95=0.02, coefficient_95=0.02 * MOMENT)
+        damping = {"share_of_moment_95": 0.02, "share_in_part_95": 0.01, "coefficient_95": 0.02 * MOMENT}
+        limit = MechanismLimit(mechanism="damping", **damping)
         shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
         begin = shown.index("Upper limits at 95 %, also of what could hide beside the leader")
-        assert line_of(shown[begin:], "damping")[:4] == ["damping", "2", "%", "0.00082"]
+        cells = line_of(shown[begin:], "damping")
+        assert [each for each in cells if each != "(leader)"][:6] == ["damping", "2", "%", "1", "%", "0.00082"]
         assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
         said = " ".join(shown.split())
         assert "Above 100 %: nothing that is smaller than the whole moment is excluded." in said
@@ -181,7 +183,7 @@ class TestTerminal:
         comparison = compared_sticking()
         each = comparison.verdict.limits[0]
         table, texts = limit_blocks(comparison)
-        (row,) = (row for row in table.rows if row["mechanism"] == each.mechanism)
+        (row,) = (row for row in table.rows if row["mechanism"].removesuffix(" (leader)") == each.mechanism)
         vehicle, pressure = comparison.flights[0].vehicle, np.array(comparison.series[0].dynamic_pressure_pa)
         scale = np.sqrt(np.mean(pressure**2)) * vehicle["reference_area"] * vehicle["reference_length"]
         assert row["N m, rms"] == number(each.coefficient_95 * scale, 2)
@@ -325,7 +327,7 @@ class TestPython:
         troubled = graded().model_copy(update={"ranking": (row,), "collinear_groups": ()})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
         marked = troubled.model_copy(update={"collinear_groups": (("C_b", "C_m0"),)})
-        assert marked.conclusion().endswith(f"{said}, but for values marked *.")
+        assert marked.conclusion().endswith(f"{said}, but none that is marked *.")
 
     def test_rows_have_the_evidence(self) -> None:
         assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]

@@ -190,7 +190,8 @@ def test_before_and_after_are_drawn_where_something_was_added() -> None:
 
 def test_a_hint_is_followed_by_what_to_do_next() -> None:
     said = trace_document(traced_trim().model_copy(update={"hints": ("trim",), "findings": ()})).conclusion
-    assert "Hints, no findings: trim. To go on: `brv-hypo compare FLIGHT.h5 --mechanisms trim` weighs it; " in said
+    rivals = "bodyfixed,damping,inplane,lag,sticking,trim"
+    assert f"Hints, no findings: trim. To go on: `brv-hypo compare FLIGHT.h5 --mechanisms {rivals}` weighs it" in said
     assert "`brv-hypo predict OTHER.h5 --model MODEL.yaml`" in said
 
 
