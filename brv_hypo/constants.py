@@ -23,9 +23,6 @@ MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, ha
 # `tests.studies.independent.study --drawn`, whose bodies bend, by `tests.studies.independent.loop_study`, and, of
 # common time, by `tests.studies.independent.joint` and `tests.studies.independent.two_flights`.
 
-# Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a
-# logarithm, over which it changes: blunt and slender shapes change by such shares within a doubling.
-SCHEDULE_RELATIVE = 1.0
 
 # ---- Regression: noise of the rows ----
 # Held by `tests.studies.independent.study --coloured` (half of its flights in noise that lasts) and
@@ -113,9 +110,6 @@ COLOURED = 1.5
 SEARCH_MISSED = 20.0
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
-# Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows
-# Mach number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
-WAVERING_SPEED = 5e-5
 
 # ---- Verdict: adequacy, what is outside the list ----
 
@@ -140,8 +134,6 @@ LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 
 # ---- Repetitions of a trace ----
 
-# Errors of vehicle and air, of which each is taken a tolerance higher and lower in turn.
-REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 
 # ---- Likelihood of what stands ----
 # Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.
@@ -153,103 +145,21 @@ LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compare
 # These and the next two sections were revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and
 # are held by its fresh ones; that a schedule comes first, by the measured entry (`tests.studies.loop.variants`).
 
-TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
-TRACED_KNOTS = 7  # as of a comparison, if a user sets none
-TRACED_TERMS = 4  # the same
-TRACED_STEPS = 8  # effects that may be added, if a user says nothing else
-TRACED_SIGNIFICANCE = 0.01  # adjusted p-value below which an effect counts, the same
-TRACED_BLOCKS = 32  # parts that the record is cut into, the same
 HELD_OUT_OF = 4  # blocks, of which one is held out
 HELD_OUT_BLOCK = 3  # which of them
 HELD_OUT_SHORTEST = 8  # rows of a stretch that is fitted or held out
-TRACED_SLOPE_DEGREE = 2  # of the scheduled stiffness in Mach number
-TRACED_SPAN = (0.5, 99.5)  # percentiles that a quantity runs between
-TRACED_SMALLEST_SPAN = 0.01  # of its greatest value; narrower, the polynomial is next to a constant
-# Decades (rms) by which Reynolds number has to leave a smooth function of Mach number, of this degree, to be a quantity
-# of its own.
-TRACED_INDEPENDENT = 0.1
-TRACED_SMOOTH_DEGREE = 3
 NOISE_RAISED = 3  # times that the noise is raised to what the model leaves, which changes with it
-MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the record
-# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
-# record that is corrected by it is no longer the one that was flown.
-MODEL_PLAUSIBLE = 3.0
-MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
-MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
-MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
-FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
-RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
-RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
-CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
-CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 
 # ---- Loop: description in generic terms ----
 
-DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
-DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
-DESCRIBED_EDGES = 17  # times, evenly over the record, between any two of which what is described may act
-DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
-# Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
-# would describe better.
-DESCRIBED_SHARP = 0.1
-DESCRIBED_GRADUAL = 0.3
-DESCRIBED_SLOW = 1.0
 
 # ---- Loop: choice, findings and hints ----
 
-LOOP_DETECTED = 25.0  # fall of the sum of squares at which an effect is detected: F of one coefficient
-# Standard errors by which the held-out error has to fall: 5 %, one-sided. That the effect is no chance find among many
-# was asked of the fitted part before.
-HELD_OUT_SIGMAS = 1.645
-# Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
-# for eight stretches held out. The noise of the gyros, differentiated, may drown it.
-HELD_OUT_WORSE = 1.9
-HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that short correlations count
-# Share of the significance from which an effect counts where the residual passes for white: a test of whiteness asks
-# for anything at all, and overlooks what the effect's own column shows.
-LOOP_BEYOND_DOUBT = 1e-3
-LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
-LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
-# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
-# all a function of Mach number, and jumps in time describe any smooth change.
-LOOP_SCHEDULE = 0.5
-LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
-LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
-LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
-FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
-FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
-HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
-WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
-WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
-REPORTED_REGIONS = 8  # parts of a record, of which the worst is told
 REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
-STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
 # Of the change that a bend (alpha^2) makes of a slope from alpha = 0 to the greatest angle flown, the share below the
 # least angle flown, which no sample shows, beyond which a value at alpha = 0 is an extrapolation; convention.
 EXTRAPOLATED_SHARE = 0.05
 INFLATED, COLLINEAR = 10.0, 0.9  # variance inflation, correlation: Belsley, Kuh and Welsch, 1980, 3.2; convention
-REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 
 # ---- Prediction ----
 # Held by `tests.studies.independent.sisters`: what the frozen model explains, and what its band holds.
-
-BAND_SIGMAS = 1.96  # standard deviations on either side of the prediction
-BAND_LEVEL = 0.95  # share of a normal distribution between them
-BAND_LEAST_NOISE = 0.1  # share of the noise that a fit leaves at least
-BAND_FREQUENCIES = 2048  # up to half the sample rate, that the noise of moments is summed over
-MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
-PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be told to cut it into
-PREDICTED_LINEARISATIONS = 2  # where errors of the record are fitted
-PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights flew, from which nothing is said of it
-# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the share of the moments' mean square below which the frozen model's is small enough to need none.
-PREDICTED_GREATLY = 0.5
-PREDICTED_SMALL = 0.01
-PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
-PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which what a model left where it was found is told
-# Where slope or damping differ from a frozen model's: a study of its own, `tests.studies.independent.sisters
-# --changed`.
-CHANGE_EDGES = 25  # times, evenly over the record, between any two of which they may: 300 regions
-CHANGE_FINER = 4  # times by which each turn narrows the spacing about the best two, as many to either side
-CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than what the data tell of an edge
-CHANGE_CHANCE = 0.01  # p-value, paid for all that is tried, below which a change is told; convention

@@ -10,7 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig
-from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE, WAVERING_SPEED
+from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.inspection import FILTERED, low_passed
 from brv_hypo.flight.record import Flight
@@ -335,7 +335,7 @@ def _static(reconstructions: Sequence[Reconstruction], common: CommonTime | None
         offset_degree=OFFSET_DEGREE,
         slope_degree=SLOPE_DEGREE,
         by="time" if common is None else "mach",
-        speeds=wavering_speeds(_alongs(reconstructions, common), SLOPE_DEGREE, WAVERING_SPEED),
+        speeds=wavering_speeds(_alongs(reconstructions, common), SLOPE_DEGREE),
     )
 
 

@@ -97,18 +97,21 @@ class StaticMoment(DesignMoment):
         return float(np.mean(np.sum(list(slopes), axis=0)))
 
 
-def wavering_speeds(
-    curves: Sequence[tuple[FloatArray, FloatArray]], degree: int, share: float
-) -> tuple[float, float] | None:
+# Share of the speed by which it may depart from a polynomial before C_malpha follows it too: stiffness follows Mach
+# number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
+WAVERING_SPEED = 5e-5
+
+
+def wavering_speeds(curves: Sequence[tuple[FloatArray, FloatArray]], degree: int) -> tuple[float, float] | None:
     """The ends of the speeds (m/s), where they change otherwise than a polynomial can follow; None where it can.
 
-    `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,); `share` of the speed is
-    what it may leave. Wind along the track, drag that goes with the angle of attack, and a change of temperature do it.
+    `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,). Wind along the track,
+    drag that goes with the angle of attack, and a change of temperature do it.
     """
     wavers = False
     for along, speed in curves:
         left = speed - Legendre.fit(along, speed, degree)(along)
-        wavers |= bool(np.std(left) > share * np.mean(speed))
+        wavers |= bool(np.std(left) > WAVERING_SPEED * np.mean(speed))
     if not wavers:
         return None
     speeds = np.concatenate([speed for _, speed in curves])

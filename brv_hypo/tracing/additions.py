@@ -9,7 +9,6 @@ from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.constants import RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.inference.problem import Problem, given_column
@@ -21,8 +20,10 @@ from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
 from brv_hypo.tracing.fit import Fit, history_name, with_efficiency
 
+RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 Variant = tuple[Applied, ...]
 """The components of a record effect as it may be set, none with a value yet."""
 

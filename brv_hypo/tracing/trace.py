@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.comparison.summary import record_summary
-from brv_hypo.constants import HELD_OUT_SHORTEST, TRACED_SMALLEST
+from brv_hypo.constants import HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -39,6 +39,7 @@ from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
+    TRACED_SMALLEST,
     Account,
     Errors,
     Step,
