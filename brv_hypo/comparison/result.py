@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_NAMED
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
@@ -17,6 +16,7 @@ from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import FAR_TOLERANCES, NOISE_LEVEL
 
+BEYOND_NAMED = 3  # of what is beyond its tolerance
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"

@@ -26,11 +26,11 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
-from brv_hypo.constants import HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors

@@ -22,8 +22,7 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
-from brv_hypo.comparison.verdict import OTHER
-from brv_hypo.constants import CREDIBLE_PROBABILITY
+from brv_hypo.comparison.verdict import CREDIBLE_PROBABILITY, OTHER
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function

@@ -19,11 +19,10 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import even_edges
 from brv_hypo.comparison.with_processes import acting, level
-from brv_hypo.constants import TURNING_RATES
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.inference.unmodelled import TURNING_RATES, fastest_turning
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (

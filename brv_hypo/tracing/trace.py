@@ -15,13 +15,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.comparison.summary import record_summary
-from brv_hypo.constants import HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.io.text import times
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile

@@ -28,11 +28,10 @@ from brv_hypo.comparison.result import (
     beyond_text,
     beyond_tolerances,
 )
-from brv_hypo.constants import BEYOND_CHANCE
 from brv_hypo.docs import text
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.io.text import hypothesis, number
-from brv_hypo.linearisation.nuisance import beyond_level
+from brv_hypo.linearisation.nuisance import BEYOND_CHANCE, beyond_level
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
