@@ -11,7 +11,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, candidates, theta_grid
+from brv_hypo.model.term import Choice, Regressor, Theta, candidates, theta_grid
 from brv_hypo.subset import best_columns
 
 Subset = tuple[float, tuple[Regressor, ...]]
@@ -139,7 +139,7 @@ def _subsets(
     spent = frozenset(reduced.spent(batch, triangle).tolist())
     kept = [j for j in range(len(columns)) if j not in spent]
     first = sum(j < len(forced) for j in kept)
-    vectors: dict[object, list[int]] = {}
+    vectors: dict[Choice, list[int]] = {}
     for place, j in enumerate(kept):
         if place >= first and columns[j].grouped:
             vectors.setdefault(columns[j].choice, []).append(place)

@@ -44,7 +44,7 @@ class StartingPoint:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Tabular):
     """A maximum-likelihood fit; p free parameters in the order of `names`."""
 
@@ -110,9 +110,6 @@ class FitResult(Tabular):
     """The searches that were compared, the first of them first; this is the best of them."""
     remarks: tuple[str, ...] = ()
     """What makes the errors mean something else than they say, though the search converged."""
-
-    __repr__ = Tabular.__repr__
-    __eq__ = Tabular.__eq__
 
     def headline(self) -> str:
         """Status, likelihood and size."""

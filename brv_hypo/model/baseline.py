@@ -200,7 +200,9 @@ class SlopeSchedule(DesignMoment):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""
         count = self.sizes.size
-        cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
+        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        # The cosines of multiples of pi x are Chebyshev polynomials of its cosine.
+        cosines, nothing = chebvander(np.cos(np.pi * place), count), np.zeros_like(motion.alpha)
         return tuple(
             Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
             for name, alpha, units in (("C_malpha", motion.alpha, "1/rad"), ("C_malpha3", motion.alpha**3, "1/rad^3"))
@@ -220,11 +222,6 @@ class SlopeSchedule(DesignMoment):
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
         least = max(SCHEDULE_SMALLEST * sigmas[0], SCHEDULE_NOTHING * self.size)
         return np.asarray(sigmas[sigmas > least], dtype=float)
-
-    def _cosine(self, motion: Motion) -> FloatArray:
-        """cos(pi x) of each sample; the cosines of multiples are Chebyshev polynomials of it."""
-        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
-        return np.asarray(np.cos(np.pi * place), dtype=float)
 
     @property
     def _range(self) -> float:

@@ -133,10 +133,6 @@ class Candidate:
         """Share of the weighed squares that it saves."""
         return 1.0 - self.fit.rss / self.null.rss
 
-    def is_confounded(self, other: Candidate) -> bool:
-        """Whether another is nearly as good a fit, and as likely beside processes."""
-        return other.gain > CONFOUNDED_GAIN * self.gain and abs(self.evidence - other.evidence) < SPECIFIC
-
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with what it would lose by values that a body may have; of several flights, whose values differ, as it
@@ -159,8 +155,9 @@ def solved_again(problem: Problem, fit: HypothesisFit, selected: Sequence[Regres
 
 
 def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
-    """Those that this flight cannot tell from the leader."""
-    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and leader.is_confounded(o))
+    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
+    good = (o for o in others if o.name != leader.name and o.gain > max(CONFOUNDED_GAIN * leader.gain, 0.0))
+    return tuple(o.name for o in good if abs(leader.evidence - o.evidence) < SPECIFIC)
 
 
 def best_first(
@@ -288,11 +285,6 @@ class Tried:
             return no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
         return falls and self.score >= HELD_OUT_SIGMAS
-
-    @property
-    def is_wanted(self) -> bool:
-        """Whether the evidence clearly wants it beside all processes."""
-        return self.gain >= SPECIFIC
 
     @cached_property
     def elsewhere(self) -> float | None:

@@ -324,8 +324,30 @@ class Fit:
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual. White is only what is no larger than noise."""
-        return _residual_of(self)
+        """Tests of the residual. White is only what is no larger than noise.
+
+        Of several flights, size and place are those of the one with the largest residual against its noise.
+        """
+        data, left = self.data, self.left
+        spans = [data.frame.span(number) for number in range(len(data.records))]
+        ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
+        number = int(np.argmax(ratios))
+        usable, samples = left.usable[spans[number]], data.frame.samples(number)
+        motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+        time, samples = motion.time[samples], samples[usable]
+        plane = plane_from_body(body, motion.windward_meridian[samples])
+        channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+        p_value = _whiteness(self)
+        return Residual(
+            flight=number if len(ratios) > 1 else None,
+            rms=float(np.sqrt(left.mean_square(spans[number]))),
+            white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
+            p_value=p_value,
+            noise_ratio=ratios[number],
+            worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
+            worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
+            dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
+        )
 
     def on_whole_record(self) -> Fit:
         """The same on the whole record, with the effective share of samples that the fitted part shows.
@@ -439,30 +461,6 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 
 
 # ---- The residual: whiteness, size, where it is largest, its frequency ----
-
-
-def _residual_of(fit: Fit) -> Residual:
-    """Of several flights, size and place are those of the one with the largest residual against its noise."""
-    data, left = fit.data, fit.left
-    spans = [data.frame.span(number) for number in range(len(data.records))]
-    ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
-    number = int(np.argmax(ratios))
-    usable, samples = left.usable[spans[number]], data.frame.samples(number)
-    motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
-    time, samples = motion.time[samples], samples[usable]
-    plane = plane_from_body(body, motion.windward_meridian[samples])
-    channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value = _whiteness(fit)
-    return Residual(
-        flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(left.mean_square(spans[number]))),
-        white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
-        p_value=p_value,
-        noise_ratio=ratios[number],
-        worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
-        dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
-    )
 
 
 def _whiteness(fit: Fit) -> float:

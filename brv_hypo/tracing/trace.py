@@ -289,7 +289,8 @@ def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], be
             doubts.append("one flight establishes no description in generic terms")
         if rests_on_hints(earlier):
             doubts.append("it rests on an earlier hint")
-    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_wanted else [])
+    clearly_wanted = accepted is not None and accepted.gain >= SPECIFIC
+    families = beside.shares([accepted.candidate.name] if accepted is not None and clearly_wanted else [])
     reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
     return Step(
         step=number,
