@@ -66,8 +66,6 @@ class FitResult(Tabular):
     """
     covariance: FloatArray
     """(p, p), residuals taken as white."""
-    covariance_coloured: FloatArray
-    """(p, p), corrected."""
     log_likelihood: float
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
@@ -224,7 +222,6 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         std_error=_by_name(parameters.names, white),
         std_error_coloured=_by_name(parameters.names, coloured),
         covariance=white,
-        covariance_coloured=coloured,
         log_likelihood=-nllf,
         noise_variance=iterate.variance,
         process_noise=problem.process_noise,

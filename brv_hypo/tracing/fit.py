@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy import stats
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
@@ -23,6 +22,7 @@ from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
@@ -470,9 +470,7 @@ def _whiteness(fit: Fit) -> float:
     flights = fit.data.frame.flight_of_row[fitted.rows]
     sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
     parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
-    chances = [
-        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
-    ]
+    chances = [whiteness([part[np.newaxis]], min(WHITE_LAGS, part.size // 4))[0].p_value for part in parts]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
     total = sum(float(part @ part) for part in parts)
     free = sum(part.size - 1 for part in parts)
