@@ -188,7 +188,10 @@ def _predict(
     )
     of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
-    said = reason(found, of_own, rest, freely, _remedy(fit, refit, tolerated))
+    # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
+    more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
+    more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
+    said = reason(found, of_own, rest, freely, ",".join((*refit, *more)) if more else "")
     return found.model_copy(update={"reason": said})
 
 
@@ -268,14 +271,6 @@ def _is_found_on(content: SavedModel, flight: Flight) -> bool:
 def _tolerated(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
-
-
-def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
-    """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(fit.model.columns, fit.known, strict=False)
-    fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
-    more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
-    return ",".join((*refit, *more)) if more else ""
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tuple[Model, tuple[str, ...]]:
