@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.flight.record import RecordFault
+from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
@@ -299,13 +299,6 @@ class SizedModel(NullIsNaN):
     terms: tuple[str, ...]
 
 
-class RecordSummary(NullIsNaN):
-    """What the trial of the record found; a record that contradicts itself is not sound."""
-
-    sound: bool = True
-    faults: tuple[RecordFault, ...] = ()
-
-
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
@@ -398,7 +391,7 @@ class Comparison(HasCharts, Result):
     reference_flight: int | None = None
     reconstruction: ReconstructionSummary
     baseline: BaselineSummary
-    record: RecordSummary = RecordSummary()
+    record: RecordTrial = RecordTrial()
     ranking: tuple[RankedHypothesis, ...]
     verdict: Verdict
     seconds: Seconds

@@ -20,7 +20,6 @@ from brv_hypo.comparison.result import (
     MaximumLikelihood,
     RankedHypothesis,
     ReconstructionSummary,
-    RecordSummary,
     Seconds,
     TermEstimate,
     Verdict,
@@ -140,10 +139,10 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
     )
 
 
-def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
+def record_summary(trials: Sequence[RecordTrial]) -> RecordTrial:
     """What the trials of all flights found."""
     faults = sorted((fault for trial in trials for fault in trial.faults), key=lambda fault: not fault.decisive)
-    return RecordSummary(sound=all(trial.sound for trial in trials), faults=tuple(faults))
+    return RecordTrial(sound=all(trial.sound for trial in trials), faults=tuple(faults))
 
 
 def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:

@@ -106,8 +106,8 @@ class RecordFault:
 class RecordTrial:
     """The verdict on a record: `sound` unless one of its `faults` is decisive."""
 
-    sound: bool
-    faults: tuple[RecordFault, ...]
+    sound: bool = True
+    faults: tuple[RecordFault, ...] = ()
 
 
 write_with: list[Callable[..., None]] = []

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.comparison.result import FlightSummary, RecordSummary, TermEstimate
+from brv_hypo.comparison.result import FlightSummary, TermEstimate
+from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
@@ -135,7 +136,7 @@ class Prediction(HasCharts, Result):
     left_out: tuple[str, ...] = ()
     own_record: bool = False
     reason: str
-    record: RecordSummary = RecordSummary()
+    record: RecordTrial = RecordTrial()
 
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""

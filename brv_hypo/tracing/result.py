@@ -7,14 +7,8 @@ from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.comparison.result import (
-    FlightSummary,
-    Interval,
-    MotionHistories,
-    RecordError,
-    RecordSummary,
-    TermEstimate,
-)
+from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
+from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -220,7 +214,7 @@ class Trace(HasCharts, Result):
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary
     flights: tuple[FlightSummary, ...] = ()
-    record: RecordSummary = RecordSummary()
+    record: RecordTrial = RecordTrial()
     steps: tuple[Step, ...]
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
