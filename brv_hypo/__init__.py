@@ -13,7 +13,7 @@ Mechanism, hookimpl            how to write a mechanism of your own        brv_h
 
 Where things are: the command line in cli; mechanisms, effects, processes in `plugins`; methods of reconstruction in
 motion/methods; formats in importing/formats; tolerances of instrument grades in flight/tolerances.py; what decides a
-fault of a record in thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
+fault, a verdict or a finding in thresholds.py; errors with their exit codes in errors.py.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def problems_of(
             continue
         if detail["type"] == "missing":
             found.append(f"'{place}' is missing")
-        elif detail["type"] == "extra_forbidden":
+        elif detail["type"] in ("extra_forbidden", "unexpected_keyword_argument"):  # of a model, of a dataclass
             meaning = hint(location)
             found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
         else:

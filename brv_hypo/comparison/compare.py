@@ -35,6 +35,7 @@ from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, s
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import (
+    CREDIBLE_PROBABILITY,
     Candidate,
     Fit,
     judge,
@@ -43,7 +44,6 @@ from brv_hypo.comparison.verdict import (
     with_gaps,
     with_prediction_error,
 )
-from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -67,6 +67,9 @@ from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.thresholds import BOUND_COSTS
 
+# Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.
+LIKELIHOOD_STEPS = 8  # from a good regression 5 or 6 are enough, the record effects among its parameters, or none are
+LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compares no more
 LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
 """Fraction of a comparison that is done before each."""
 

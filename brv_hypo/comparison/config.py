@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.constants import COMPARED_BLOCKS, COMPARED_EXACT_TERMS, COMPARED_KNOTS, COMPARED_TERMS, OTHER_PRIOR
 from brv_hypo.motion.methods import Method
+
+OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (contract of `compare --json`)
 
 
 class CompareConfig(BaseModel):
@@ -27,10 +28,10 @@ class CompareConfig(BaseModel):
     knots: tuple[float, ...] | None = Field(
         default=None, description="Times (s) at which coefficients may change; None spreads them evenly."
     )
-    knot_count: int = Field(default=COMPARED_KNOTS, ge=0, le=40, description="How many knots are spread evenly.")
-    max_terms: int = Field(default=COMPARED_TERMS, ge=1, le=20, description="Coefficients that a hypothesis may add.")
+    knot_count: int = Field(default=11, ge=0, le=40, description="How many knots are spread evenly.")
+    max_terms: int = Field(default=6, ge=1, le=20, description="Coefficients that a hypothesis may add.")
     exact_terms: int = Field(
-        default=COMPARED_EXACT_TERMS,
+        default=4,
         ge=1,
         le=20,
         description="Up to so many terms the search is exact; from there it goes on from the best refined model.",
@@ -38,7 +39,7 @@ class CompareConfig(BaseModel):
     refine: bool = Field(default=True, description="Whether delays and knots become continuous.")
     accept_record: bool = Field(default=False, description="Whether to go on with a record that contradicts itself.")
     held_out_blocks: int = Field(
-        default=COMPARED_BLOCKS,
+        default=8,
         ge=2,
         le=50,
         description="Blocks of time of which each is held out in turn, for the prediction error.",

@@ -11,12 +11,18 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import NetInterval, TermEstimate
-from brv_hypo.constants import COLLINEAR, INFLATED, SEARCH_SAME_THETA, SECOND_ORDER_VALUES
+from brv_hypo.inference.derivatives import COLLINEAR
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor, Theta, evaluated
+
+SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)
+# Errors of second order in values: of the squares of errors (in tolerances) that the data ask of record and vehicle,
+# and of the square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
+SECOND_ORDER_VALUES = 5e-3
+INFLATED = 10.0  # variance inflation: Belsley, Kuh and Welsch, 1980, 3.2; convention
 
 
 def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_NAMED
-from brv_hypo.flight.record import RecordFault
+from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
@@ -17,6 +16,7 @@ from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL
 
+BEYOND_NAMED = 3  # of what is beyond its tolerance
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
@@ -307,13 +307,6 @@ class SizedModel(NullIsNaN):
     terms: tuple[str, ...]
 
 
-class RecordSummary(NullIsNaN):
-    """What the trial of the record found; a record that contradicts itself is not sound."""
-
-    sound: bool = True
-    faults: tuple[RecordFault, ...] = ()
-
-
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
@@ -406,7 +399,7 @@ class Comparison(HasCharts, Result):
     reference_flight: int | None = None
     reconstruction: ReconstructionSummary
     baseline: BaselineSummary
-    record: RecordSummary = RecordSummary()
+    record: RecordTrial = RecordTrial()
     ranking: tuple[RankedHypothesis, ...]
     verdict: Verdict
     seconds: Seconds

@@ -20,7 +20,6 @@ from brv_hypo.comparison.result import (
     MaximumLikelihood,
     RankedHypothesis,
     ReconstructionSummary,
-    RecordSummary,
     Seconds,
     TermEstimate,
     Verdict,
@@ -32,7 +31,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.term import BASELINE, Regressor, Vector
+from brv_hypo.model.term import BASELINE, Choice, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.thresholds import SPECIFIC
@@ -145,10 +144,10 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
     )
 
 
-def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
+def record_summary(trials: Sequence[RecordTrial]) -> RecordTrial:
     """What the trials of all flights found."""
     faults = sorted((fault for trial in trials for fault in trial.faults), key=lambda fault: not fault.decisive)
-    return RecordSummary(sound=all(trial.sound for trial in trials), faults=tuple(faults))
+    return RecordTrial(sound=all(trial.sound for trial in trials), faults=tuple(faults))
 
 
 def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
@@ -290,11 +289,11 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         name = f"{parameter.mechanism} {parameter.name}"
         found.append(DerivedEstimate(name=name, value=parameter.value, std_error=sigma, units=parameter.units))
-    vectors: dict[Vector, list[int]] = {}
+    vectors: dict[Choice, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.grouped:
-            vectors.setdefault(column.vector, []).append(j)
-    for (name, _, _, time_basis), members in vectors.items():
+            vectors.setdefault(column.choice, []).append(j)
+    for (name, _, _, time_basis, _), members in vectors.items():
         values = {fit.columns[j].term: float(fit.values[j]) for j in members}
         covariance = fit.covariance[np.ix_(members, members)]
         region = None if time_basis.kind == "constant" else (time_basis.start, end)

@@ -19,12 +19,11 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import SPENT, Shape, even_edges, regions
-from brv_hypo.constants import SCANNED
 from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
+from brv_hypo.inference.refinement import KNOT_MARGIN, SCANNED, middle, nonlinear_parameters
 from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism

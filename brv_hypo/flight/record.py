@@ -106,15 +106,15 @@ class RecordFault:
 class RecordTrial:
     """The verdict on a record: `sound` unless one of its `faults` is decisive."""
 
-    sound: bool
-    faults: tuple[RecordFault, ...]
+    sound: bool = True
+    faults: tuple[RecordFault, ...] = ()
 
 
 write_with: list[Callable[..., None]] = []
 """What `Flight.save` writes with: the format, which is made of flights, enters itself."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Flight(Histories, HasCharts):
     """One flight, format 1, in SI units; every channel is (n,) over a uniform `time` (n,), without NaN.
 
@@ -151,9 +151,6 @@ class Flight(Histories, HasCharts):
         """A record without gaps is one segment."""
         if not self.segments:
             object.__setattr__(self, "segments", ((0, self.time.size),))
-
-    __repr__ = Histories.__repr__
-    __eq__ = Histories.__eq__
 
     def headline(self) -> str:
         """Title or path, length and rate."""

@@ -331,11 +331,14 @@ class VehicleModel:
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
         error = self._roll_rate_error(context, theta)
-        gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ _gravity_axes(here)
+        # Gravity along each axis of the first sample, by what it adds across the body in de-rolled axes.
+        along_y, along_z = (here.u[ROW[f"gravity_x{axis}"] :][:3] for axis in "yz")
+        gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ (along_y + 1j * along_z)
         gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
         gained = gained + self._force(here, context, theta)
         slower = 1.0 + _error(SPEED_ERROR, context, theta)
-        return np.asarray(1j * _forward(here) * here.omega + 1j * error * here.zeta + slower * gained)
+        forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))  # along the axis, m/s
+        return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + slower * gained)
 
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
@@ -387,17 +390,6 @@ class VehicleModel:
             in_plane_moment=np.zeros_like(speed),
             reference_length=context.vehicle.reference_length,
         )
-
-
-def _forward(at: Point) -> FloatArray:
-    """Speed along the body's axis (n,), m/s."""
-    return np.asarray(np.sqrt(np.maximum(at.input("speed") ** 2 - np.abs(at.zeta) ** 2, 0.0)))
-
-
-def _gravity_axes(at: Point) -> ComplexArray:
-    """What gravity along each axis of the first sample adds across the body in de-rolled axes, (3, n)."""
-    first = ROW["gravity_xy"]
-    return np.asarray(at.u[first : first + 3] + 1j * at.u[first + 3 : first + 6])
 
 
 def _own(names: Sequence[str], context: Context) -> list[str]:

@@ -236,10 +236,8 @@ class Estimate:
     """One parameter."""
 
     name: str
-    value: float
-    """In `units`."""
-    std_error: float
-    """That for white residuals where they are white, else the larger of that and the one for coloured residuals."""
+    value: float  # in `units`
+    std_error: float  # for white residuals; where they are not white, that for coloured ones, if it is larger
     units: str
 
 
@@ -252,32 +250,21 @@ class Identification:
     it could not be begun."""
     message: str
     """Cause and remedy."""
-    columns: tuple[Regressor, ...]
-    """The regression's columns with delays and knots at their estimates."""
-    values: FloatArray
-    """Coefficients (columns,), in the units of the columns."""
-    covariance: FloatArray
-    """(columns, columns), all other parameters accounted for; at the reported standard errors."""
-    terms: tuple[Estimate, ...] = ()
-    """The coefficients."""
-    nonlinear: tuple[Estimate, ...] = ()
-    """Delays and knots."""
-    forces: tuple[Estimate, ...] = ()
-    """Normal-force slope (1/rad) and its drift."""
+    columns: tuple[Regressor, ...]  # the regression's, with delays and knots at their estimates
+    values: FloatArray  # coefficients (columns,), in the units of the columns
+    covariance: FloatArray  # (columns, columns), others accounted for; at the reported standard errors
+    terms: tuple[Estimate, ...] = ()  # the coefficients
+    nonlinear: tuple[Estimate, ...] = ()  # delays and knots
+    forces: tuple[Estimate, ...] = ()  # normal-force slope (1/rad) and its drift
     instruments: tuple[Estimate, ...] = ()
     """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
-    log_likelihood: float = float("nan")
-    """Minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample."""
-    iterations: int = 0
-    """Of all searches together."""
+    log_likelihood: float = float("nan")  # minus the NLLF of Eq. 3.10 with erratum E8, at every sample
+    iterations: int = 0  # of all searches together
     innovations: tuple[FloatArray, ...] = ()
     """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2)."""
-    whiteness: tuple[Whiteness, ...] = ()
-    """Test of each output's innovations, in the order of `innovations`."""
-    seconds: float = 0.0
-    """Wall clock."""
-    problem: Problem | None = None
-    """What was solved; None where it could not be begun."""
+    whiteness: tuple[Whiteness, ...] = ()  # test of each output's innovations, in their order
+    seconds: float = 0.0  # wall clock
+    problem: Problem | None = None  # what was solved; None where it could not be begun
 
 
 # ---- The fit ----
@@ -430,6 +417,9 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     )
     columns, values = structure.at(theta), structure.values(theta)
     terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
+    index = [found.names.index(term.name) for term in terms]
+    stretch = [term.std_error / found.std_error[term.name] for term in terms]  # to the reported standard errors
+    together = np.concatenate(innovations, axis=1)
     labels = unique([parameter.label for parameter in structure.nonlinear_parameters])
     instruments = tuple(of_one(v.name, flight, v.units, v.size) for v, flight in problem.tolerated)
     beyond = [
@@ -444,7 +434,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         ),
         columns=columns,
         values=values,
-        covariance=_covariance(found, terms),
+        covariance=found.covariance[np.ix_(index, index)] * np.outer(stretch, stretch),
         terms=terms,
         nonlinear=tuple(
             estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale, parameter.origin)
@@ -452,22 +442,9 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         ),
         forces=tuple(estimate(name, "1/rad") for name in FORCE_DRIFT),
         instruments=instruments,
-        log_likelihood=_log_likelihood(innovations),
+        # With B of Eq. 3.11, over every sample.
+        log_likelihood=-negative_log_likelihood(together, estimate_variance(together, np.full(4, 1e-300))),
         innovations=innovations,
         whiteness=found.whiteness,
         problem=problem,
     )
-
-
-def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
-    """Covariance of the coefficients at the reported standard errors."""
-    index = [found.names.index(term.name) for term in terms]
-    covariance = found.covariance[np.ix_(index, index)]
-    stretch = np.array([term.std_error / found.std_error[term.name] for term in terms])
-    return np.asarray(covariance * np.outer(stretch, stretch))
-
-
-def _log_likelihood(innovations: Sequence[FloatArray]) -> float:
-    """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
-    together = np.concatenate(innovations, axis=1)
-    return -negative_log_likelihood(together, estimate_variance(together, np.full(4, 1e-300)))

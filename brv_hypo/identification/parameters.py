@@ -42,6 +42,7 @@ from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, theta_grid
+from brv_hypo.motion.inertial import arm_acceleration
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.motion import crossflow, effective
@@ -324,9 +325,8 @@ def lever_force(
     arm: tuple[float, float, float], omega: ComplexArray, omega_rate: ComplexArray, p: FloatArray, p_rate: FloatArray
 ) -> ComplexArray:
     """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10, E11)."""
-    x, transverse = arm[0], complex(arm[1], arm[2])
-    crossed = (omega * np.conj(transverse)).imag
-    return np.asarray(x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed)
+    _, y, z = arm_acceleration(p, p_rate, omega, omega_rate, arm).T
+    return np.asarray(y + 1j * z)
 
 
 # What the equations know of errors, measured less true: courses by these names.

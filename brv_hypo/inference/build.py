@@ -9,7 +9,6 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.constants import ERRORS_REACH, FORCE_SPIKE, FORCE_SPIKE_ROUNDS
 from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.linearisation.channels import ForceModel, whole
@@ -24,6 +23,10 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
+
+FORCE_SPIKE = 7.2  # residuals of the normal force, in their median, from which a sample is a spike
+FORCE_SPIKE_ROUNDS = 2  # of the force's fit without spikes
+ERRORS_REACH = 1e-3  # probability of errors under their tolerances, down to which they are taken out as they are
 
 
 def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:

@@ -15,7 +15,6 @@ import numpy as np
 from pydantic import Field, computed_field
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import COLLINEAR, EXTRAPOLATED_SHARE, REPORTED_SLOPES
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
@@ -25,6 +24,11 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
+REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
+# Of the change that a bend (alpha^2) makes of a slope from alpha = 0 to the greatest angle flown, the share below the
+# least angle flown, which no sample shows, beyond which a value at alpha = 0 is an extrapolation; convention.
+EXTRAPOLATED_SHARE = 0.05
+COLLINEAR = 0.9  # correlation: Belsley, Kuh and Welsch, 1980, 3.2; convention
 Function = Literal["C_m0", "C_malpha", "C_mq"]
 
 _RATE = 1.0  # of the transverse rate, rad/s: moments of it are linear

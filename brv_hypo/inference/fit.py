@@ -10,14 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import (
-    CONSISTENT_ROUNDS,
-    SEARCH_EQUAL,
-    SEARCH_GAIN,
-    SEARCH_OUT_OF_REACH,
-    SEARCH_PATIENCE,
-    SEARCH_SIZES_TRIED,
-)
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import (
@@ -38,6 +30,15 @@ from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta
 
+# Bound the time; held by `tests.studies.independent.study`.
+SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
+# A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
+SEARCH_OUT_OF_REACH = 400.0
+SEARCH_SIZES_TRIED = 3
+# Fall of 2 ln L by which one model has to beat another to take its place, more than steps and rounding leave.
+SEARCH_GAIN = ROUGH.gain
+SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
+CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 _NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE, NOISE_RAISED
 from brv_hypo.inference.bordered import Bordered
 from brv_hypo.inference.problem import Problem, WhitenedRows
 from brv_hypo.inference.unmodelled import free_moment
@@ -21,6 +20,14 @@ from brv_hypo.linearisation.frame import remove_levels
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.linearisation.whitening import fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.motion.interpolation import turning
+
+# Held by `tests.studies.independent.study --coloured` (half of its flights in noise that lasts) and
+# `tests/studies/independent/test_coloured_noise.py`.
+NOISE_ORDER = 12  # largest of its autoregression
+NOISE_MOST_UNTHINNED = 8000  # rows up to which the fit that leaves the noise keeps all; beyond it takes next to none
+NOISE_PER_CYCLE = 12  # rows that a cycle of the fastest motion keeps where whitened rows are averaged
+NOISE_BEYOND = 2.0  # times the fastest motion's frequency, above which a spectrum is noise alone
+NOISE_RAISED = 3  # times that the noise is raised to what the model leaves, which changes with it
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:

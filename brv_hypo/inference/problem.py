@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import NOISE_MOST_EQUAL
 from brv_hypo.inference.bordered import Bordered, joined
 from brv_hypo.linearisation.channels import Histories, Noise, Part, Whitening, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
@@ -26,6 +25,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 
+NOISE_MOST_EQUAL = 0.995  # of a direction's noise, that goes to unknowns: what is left keeps the rows regular
 GIVEN = "given"
 # Singular values of unit columns that count, of the largest.
 _CUTOFF = 1e-12

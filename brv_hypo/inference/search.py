@@ -11,7 +11,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, Vector, candidates, theta_grid
+from brv_hypo.model.term import Choice, Regressor, Theta, candidates, theta_grid
 from brv_hypo.subset import best_columns
 
 Subset = tuple[float, tuple[Regressor, ...]]
@@ -102,7 +102,7 @@ def extended(
     """A model's selected columns with the best further term of its own offer; None where it is full."""
     selected = columns[len(problem.baseline) :]
     reduced = Reduced(problem, frame)
-    size = _choice_size(selected)
+    size = _choice_size(selected or offered[0])
     if len(selected) + size > problem.max_terms:
         return None
     offers = _compatible(selected, mechanisms, offered)
@@ -139,10 +139,10 @@ def _subsets(
     spent = frozenset(reduced.spent(batch, triangle).tolist())
     kept = [j for j in range(len(columns)) if j not in spent]
     first = sum(j < len(forced) for j in kept)
-    vectors: dict[Vector, list[int]] = {}
+    vectors: dict[Choice, list[int]] = {}
     for place, j in enumerate(kept):
         if place >= first and columns[j].grouped:
-            vectors.setdefault(columns[j].vector, []).append(place)
+            vectors.setdefault(columns[j].choice, []).append(place)
     found = best_columns(
         triangle[:, kept],
         triangle[:, -1],

@@ -16,14 +16,6 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import (
-    FREE_FEWEST_SPLINES,
-    FREE_MOST_SPLINES,
-    FREE_ROWS_PER_COLUMN,
-    TURNING_FASTEST,
-    TURNING_MERIDIAN,
-    TURNING_RATES,
-)
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
@@ -32,6 +24,16 @@ from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 
+# Splines in time of each shape of the free moment that the noise is left by, and rows that each column needs: they take
+# at most a twelfth of the noise with them.
+FREE_MOST_SPLINES = 10
+FREE_FEWEST_SPLINES = 4
+FREE_ROWS_PER_COLUMN = 12
+# A moment that turns in the body: rates tried at most, half to either side (beyond half a turn a record apart they are
+# independent), and times the motion's own (roll, and the meridian's in nine tenths of the time) up to which it turns.
+TURNING_RATES = 160
+TURNING_FASTEST = 3.0
+TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
 
 # The parameter that tells which shape.

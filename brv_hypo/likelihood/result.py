@@ -44,7 +44,7 @@ class StartingPoint:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class FitResult(Tabular):
     """A maximum-likelihood fit; p free parameters in the order of `names`."""
 
@@ -66,8 +66,6 @@ class FitResult(Tabular):
     """
     covariance: FloatArray
     """(p, p), residuals taken as white."""
-    covariance_coloured: FloatArray
-    """(p, p), corrected."""
     log_likelihood: float
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
@@ -110,9 +108,6 @@ class FitResult(Tabular):
     """The searches that were compared, the first of them first; this is the best of them."""
     remarks: tuple[str, ...] = ()
     """What makes the errors mean something else than they say, though the search converged."""
-
-    __repr__ = Tabular.__repr__
-    __eq__ = Tabular.__eq__
 
     def headline(self) -> str:
         """Status, likelihood and size."""
@@ -227,7 +222,6 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         std_error=_by_name(parameters.names, white),
         std_error_coloured=_by_name(parameters.names, coloured),
         covariance=white,
-        covariance_coloured=coloured,
         log_likelihood=-nllf,
         noise_variance=iterate.variance,
         process_noise=problem.process_noise,

@@ -273,7 +273,11 @@ def best_of(
     (source, first), *others = noises.items()
     ends = {source: run(first)}
     found = ends[source]
-    sound = _as_small_as_known(found) if known else all(test.p_value >= _SUSPECT for test in found.whiteness)
+    if known:  # residuals no larger than the noise that they are weighed by, or process noise that explains them
+        squares = np.nanmean(np.concatenate(found.innovations, axis=1) ** 2, axis=1) / found.noise_variance
+        sound = bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR_LIKELIHOOD
+    else:
+        sound = all(test.p_value >= _SUSPECT for test in found.whiteness)
     if not alone and not (found.converged and sound):
         ends |= {source: run(noise) for source, noise in others}
     return chosen(ends)
@@ -297,13 +301,6 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
             "has several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, starting_points=starting_points)
-
-
-def _as_small_as_known(found: FitResult) -> bool:
-    """Whether residuals are no larger than the noise that they are weighed by, or process noise explains them."""
-    together = np.concatenate(found.innovations, axis=1)
-    squares = np.nanmean(together**2, axis=1) / found.noise_variance
-    return bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR_LIKELIHOOD
 
 
 def _unsmooth(y: FloatArray) -> FloatArray:

@@ -14,13 +14,16 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
 from brv_hypo.flight.clock import runs
 from brv_hypo.linearisation.frame import Piece, RateFrame
 from brv_hypo.linearisation.whitening import NoiseModel, applied
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import effective
 from brv_hypo.motion.signals import ColouredNoise
+
+HELD_OUT_OF = 4  # blocks, of which one is held out
+HELD_OUT_BLOCK = 3  # which of them
+HELD_OUT_SHORTEST = 8  # rows of a stretch that is fitted or held out
 
 
 @dataclass(frozen=True)

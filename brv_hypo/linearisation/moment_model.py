@@ -16,7 +16,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, Values
-from brv_hypo.constants import MOMENT_SLOPE_STEP
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
@@ -24,6 +23,7 @@ from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import CROSSFLOW_FLOOR, Motion, crossflow, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 
+MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, half the width of a moment's slope by it
 # The parts of the crossflow and of its rate, as names of quantities.
 _TURNED = ("y", "z", "rate y", "rate z")
 # Channels of a record, which may be without the last ones, and with the transverse rates what a motion has of it.

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import BEYOND_CHANCE
 from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
@@ -24,6 +23,9 @@ from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, Rec
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
+# Probability that the largest of a result's errors of record and vehicle, each drawn at its tolerance, is named as
+# beyond it (one flight has 53 of them, and beyond 3 tolerances is one in 7 of such flights).
+BEYOND_CHANCE = 0.01
 # Values of histories that are made at once: 16 bytes each, several times over.
 AT_ONCE = 2_000_000
 

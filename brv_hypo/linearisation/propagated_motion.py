@@ -12,7 +12,6 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
 from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
@@ -29,6 +28,13 @@ from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
 from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
+
+WALK_FEWEST_MODES = 10  # sines of the attitude's random walk
+WALK_MOST_MODES = 80  # bounds the time
+# Sines for each cycle of the motion. A walk at frequency f turns the vehicle by the static moment, which is (f_n / f)^2
+# of the noise that the walk is made of: half as fast again as the motion, with two sines a cycle, it is lost in it.
+WALK_MODES_PER_CYCLE = 3.0
+WALK_LEFT_OUT = 0.8  # standard deviations of alpha, of what the sines may leave of the walk
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:

@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.constants import RESPONSE_PULL, RESPONSE_TURN
 from brv_hypo.flight.record import Flight
 from brv_hypo.linearisation.channels import ForceModel, Histories
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
@@ -47,6 +46,9 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, noise_free, perturbed
 from brv_hypo.motion.signals import InputError
 
+# Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
+RESPONSE_TURN = 1e-5  # rad, half the width of differences by the start's direction
+RESPONSE_PULL = 5e-3  # m/s^2, the same by gravity
 Moved = TypeVar("Moved")
 
 

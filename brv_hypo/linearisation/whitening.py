@@ -16,19 +16,18 @@ from scipy import sparse
 from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import (
-    NOISE_ALLOWED_FALL,
-    NOISE_COLOURS,
-    NOISE_CORRELATED,
-    NOISE_LEAKS,
-    NOISE_LONGEST_STRETCH,
-    NOISE_MOST_LAG,
-    NOISE_SAMPLES_PER_ORDER,
-    NOISE_SHORTEST_STRETCH,
-    NOISE_STRETCHES,
-)
 from brv_hypo.motion.signals import ColouredNoise, inverse_spectrum
 
+# Held by `tests.studies.independent.study --coloured` and `tests/studies/independent/test_coloured_noise.py`.
+NOISE_SAMPLES_PER_ORDER = 20  # of the residuals
+NOISE_STRETCHES = 16  # of time, that the spectrum is the median of
+NOISE_SHORTEST_STRETCH = 32  # samples
+NOISE_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
+NOISE_LEAKS = 2.0  # lines over which one of them leaks under a Hann window: half its main lobe
+NOISE_COLOURS = (0.0, 0.98, 99)  # correlations of neighbouring samples that are tried
+NOISE_ALLOWED_FALL = 1.0  # of 2 ln L, that a correlation seen elsewhere may bring: one sigma
+NOISE_CORRELATED = 2.0  # sigmas of a correlation below which samples count as independent from there on
+NOISE_MOST_LAG = 50  # samples to which that is looked for
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
 # Correlations of neighbouring samples that are tried.

@@ -97,18 +97,21 @@ class StaticMoment(DesignMoment):
         return float(np.mean(np.sum(list(slopes), axis=0)))
 
 
-def wavering_speeds(
-    curves: Sequence[tuple[FloatArray, FloatArray]], degree: int, share: float
-) -> tuple[float, float] | None:
+# Share of the speed by which it may depart from a polynomial before C_malpha follows it too: stiffness follows Mach
+# number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
+WAVERING_SPEED = 5e-5
+
+
+def wavering_speeds(curves: Sequence[tuple[FloatArray, FloatArray]], degree: int) -> tuple[float, float] | None:
     """The ends of the speeds (m/s), where they change otherwise than a polynomial can follow; None where it can.
 
-    `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,); `share` of the speed is
-    what it may leave. Wind along the track, drag that goes with the angle of attack, and a change of temperature do it.
+    `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,). Wind along the track,
+    drag that goes with the angle of attack, and a change of temperature do it.
     """
     wavers = False
     for along, speed in curves:
         left = speed - Legendre.fit(along, speed, degree)(along)
-        wavers |= bool(np.std(left) > share * np.mean(speed))
+        wavers |= bool(np.std(left) > WAVERING_SPEED * np.mean(speed))
     if not wavers:
         return None
     speeds = np.concatenate([speed for _, speed in curves])
@@ -197,7 +200,9 @@ class SlopeSchedule(DesignMoment):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""
         count = self.sizes.size
-        cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
+        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        # The cosines of multiples of pi x are Chebyshev polynomials of its cosine.
+        cosines, nothing = chebvander(np.cos(np.pi * place), count), np.zeros_like(motion.alpha)
         return tuple(
             Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
             for name, alpha, units in (("C_malpha", motion.alpha, "1/rad"), ("C_malpha3", motion.alpha**3, "1/rad^3"))
@@ -217,11 +222,6 @@ class SlopeSchedule(DesignMoment):
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
         least = max(SCHEDULE_SMALLEST * sigmas[0], SCHEDULE_NOTHING * self.size)
         return np.asarray(sigmas[sigmas > least], dtype=float)
-
-    def _cosine(self, motion: Motion) -> FloatArray:
-        """cos(pi x) of each sample; the cosines of multiples are Chebyshev polynomials of it."""
-        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
-        return np.asarray(np.cos(np.pi * place), dtype=float)
 
     @property
     def _range(self) -> float:

@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 from brv_hypo.arrays import FloatArray
 
+# Held by `tests.studies.independent.joint` and `tests.studies.independent.two_flights`.
 COMMON_SPLINES = (4, 6, 8, 12, 16)  # by which a Mach number falls or rises over a record: as many as it needs, by BIC
 COMMON_MEANS = 400  # of neighbouring samples, that are fitted
 COMMON_CHECKED = 40  # of neighbouring samples, by which the fit is checked

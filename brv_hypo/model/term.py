@@ -50,7 +50,7 @@ class TimeBasis:
 
 BASELINE = "baseline"
 Theta = tuple[tuple[str, float], ...]
-Vector = tuple[str, str | None, Theta, TimeBasis]
+Choice = tuple[str, str | None, Theta, TimeBasis, int | None]
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,7 @@ class Regressor:
     part_of: str | None = None  # the vector that a grouped term belongs to, where the mechanism has several
 
     @property
-    def vector(self) -> Vector:
-        """What the components of one vector share, on one flight."""
-        return (self.mechanism, self.part_of, self.theta, self.time_basis)
-
-    @property
-    def choice(self) -> tuple[str, str | None, Theta, TimeBasis, int | None]:
+    def choice(self) -> Choice:
         """What is chosen with the column: a vector's components are one choice, on each flight."""
         return (self.mechanism, self.part_of if self.grouped else self.term, self.theta, self.time_basis, self.flight)
 

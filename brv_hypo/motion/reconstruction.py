@@ -94,7 +94,7 @@ def angle_known(sigma: float) -> str:
     return f"{degrees:.2g} deg" if degrees < 90.0 else "no better than 90 deg"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction(HasCharts, Histories):
     """Wind-relative motion and moments of one flight of n samples.
 
@@ -120,9 +120,6 @@ class Reconstruction(HasCharts, Histories):
     # what smoothing left of the noise of inputs, where `flight` holds them smoothed
     input_errors: tuple[InputError, ...] = ()
     normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
-
-    __repr__ = Histories.__repr__
-    __eq__ = Histories.__eq__
 
     @property
     def normal_force_ratio(self) -> FloatArray:

@@ -21,7 +21,6 @@ from scipy.linalg import orth
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import Shape, regions
-from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
@@ -29,6 +28,12 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.prediction.result import Difference, LocalChange
 
+# Where slope or damping differ from a frozen model's: a study of its own, `tests.studies.independent.sisters
+# --changed`.
+CHANGE_EDGES = 25  # times, evenly over the record, between any two of which they may: 300 regions
+CHANGE_FINER = 4  # times by which each turn narrows the spacing about the best two, as many to either side
+CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than what the data tell of an edge
+CHANGE_CHANCE = 0.01  # p-value, paid for all that is tried, below which a change is told; convention
 # Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.
 _KNOWN = 1e-9
 

@@ -26,20 +26,11 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
-from brv_hypo.constants import (
-    BAND_FREQUENCIES,
-    BAND_LEAST_NOISE,
-    BAND_LEVEL,
-    BAND_SIGMAS,
-    HELD_OUT_SHORTEST,
-    PREDICTED_BLOCKS,
-    PREDICTED_LINEARISATIONS,
-    TRACED_SMALLEST,
-)
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
@@ -61,8 +52,15 @@ from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.final_model import pair
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
-from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
+from brv_hypo.tracing.result import TRACED_SMALLEST, Trace, TraceConfig, TraceSettings
 
+# Held by `tests.studies.independent.sisters`: what the frozen model explains, and what its band holds.
+BAND_SIGMAS = 1.96  # standard deviations on either side of the prediction
+BAND_LEVEL = 0.95  # share of a normal distribution between them
+BAND_LEAST_NOISE = 0.1  # share of the noise that a fit leaves at least
+BAND_FREQUENCIES = 2048  # up to half the sample rate, that the noise of moments is summed over
+PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be told to cut it into
+PREDICTED_LINEARISATIONS = 2  # where errors of the record are fitted
 _REGIONS = 8  # stretches of the record whose errors are reported apart
 _OF_THE_MOTION = ("motion", "force")  # what every fit finds anew: how the flight began, and the force that shows it
 _CUTOFF = 1e-12  # singular values of what is fitted that count, of the largest
@@ -190,7 +188,10 @@ def _predict(
     )
     of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
-    said = reason(found, of_own, rest, freely, _remedy(fit, refit, tolerated))
+    # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
+    more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
+    more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
+    said = reason(found, of_own, rest, freely, ",".join((*refit, *more)) if more else "")
     return found.model_copy(update={"reason": said})
 
 
@@ -270,14 +271,6 @@ def _is_found_on(content: SavedModel, flight: Flight) -> bool:
 def _tolerated(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
-
-
-def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
-    """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(fit.model.columns, fit.known, strict=False)
-    fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
-    more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
-    return ",".join((*refit, *more)) if more else ""
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tuple[Model, tuple[str, ...]]:

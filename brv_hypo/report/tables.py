@@ -18,13 +18,11 @@ from brv_hypo.comparison.result import (
     ProcessEstimate,
     RankedHypothesis,
     RecordError,
-    RecordSummary,
     TermEstimate,
     beyond_tolerances,
 )
-from brv_hypo.comparison.verdict import OTHER
-from brv_hypo.constants import CREDIBLE_PROBABILITY
-from brv_hypo.flight.record import VEHICLE_DIMENSIONS
+from brv_hypo.comparison.verdict import CREDIBLE_PROBABILITY, OTHER
+from brv_hypo.flight.record import VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import (
@@ -484,7 +482,7 @@ def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
     return f"motion by the {method} method, known to {alpha} in alpha and {meridian} in meridian (rms)"
 
 
-def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
+def fault_texts(record: RecordTrial, reported: str = "") -> list[str]:
     """The faults of the record but those that are `reported` already."""
     channels: dict[str, list[str]] = {}  # by what all of them have in common
     for fault in record.faults:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypedDict, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
@@ -33,28 +33,13 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-class VehicleConfig(Section):
-    """The vehicle as it was built."""
-
-    mass: Positive  # kg
-    ixx: Positive  # about the axis of symmetry, kg m^2
-    iyy: Positive  # transverse, kg m^2
-    reference_length: Positive  # m
-    reference_area: Positive  # m^2
-    accelerometer_position: Vector = (0.0, 0.0, 0.0)  # from the c.g., body axes, m
-
-    @model_validator(mode="after")
-    def _inertia_of_a_real_body(self) -> VehicleConfig:
-        if self.ixx > 2.0 * self.iyy:
-            raise ValueError(
-                f"ixx {self.ixx:g} with iyy {self.iyy:g} kg m^2, expected ixx <= 2 iyy as in every body: "
-                "are they exchanged?"
-            )
-        return self
-
-    def declared(self) -> Vehicle:
-        """What a record without errors says of the vehicle."""
-        return Vehicle(**self.model_dump())
+def _of_a_real_body(vehicle: Vehicle) -> Vehicle:
+    if vehicle.ixx > 2.0 * vehicle.iyy:
+        raise ValueError(
+            f"ixx {vehicle.ixx:g} with iyy {vehicle.iyy:g} kg m^2, expected ixx <= 2 iyy as in every body: "
+            "are they exchanged?"
+        )
+    return vehicle
 
 
 class AerodynamicsConfig(Section):
@@ -201,7 +186,7 @@ class SimulationConfig(Section):
     """Of the integration, s."""
     sample_rate: Positive
     """Hz; a whole number of steps per sample."""
-    vehicle: VehicleConfig
+    vehicle: Annotated[Vehicle, AfterValidator(_of_a_real_body)]
     """The vehicle as it was built."""
     aerodynamics: AerodynamicsConfig
     """Its coefficients."""
@@ -253,7 +238,7 @@ Part = Mapping[str, Any]
 
 
 SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
-    "title": str, "duration": float, "step": float, "sample_rate": float, "vehicle": VehicleConfig | Part,
+    "title": str, "duration": float, "step": float, "sample_rate": float, "vehicle": Vehicle | Part,
     "aerodynamics": AerodynamicsConfig | Part, "start": StartConfig | Part, "environment": EnvironmentConfig | Part,
     "instruments": InstrumentsConfig | Part, "mechanisms": Sequence[PlantedConfig | Part],
     "asymmetries": Sequence[PlantedConfig | Part], "plantable": Mapping[str, Sequence[PlantedConfig | Part]],

@@ -165,4 +165,4 @@ def recorded(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConf
 
 def _perfect(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConfig) -> Flight:
     """What perfect instruments say at `time` (n,) s, of a vehicle that is as it was built."""
-    return Flight(time=time, vehicle=config.vehicle.declared(), instruments=config.instruments.declared(), **sensed)
+    return Flight(time=time, vehicle=config.vehicle, instruments=config.instruments.declared(), **sensed)

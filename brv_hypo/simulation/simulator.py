@@ -244,7 +244,7 @@ class Truth:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulatedFlight(Histories):
     """`record` as recorded, with gaps (NaN) and spikes; `flight` as an analysis loads it; `truth` apart."""
 
@@ -252,9 +252,6 @@ class SimulatedFlight(Histories):
     truth: Truth
     config: SimulationConfig
     seed: int
-
-    __repr__ = Histories.__repr__
-    __eq__ = Histories.__eq__
 
     def headline(self) -> str:
         """What was flown, with which seed, and what is planted."""

@@ -86,7 +86,7 @@ class Certificate:
     """How it ended, in words."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SubsetResult(Tabular):
     """Subsets by size, then by residual sum of squares."""
 
@@ -104,9 +104,6 @@ class SubsetResult(Tabular):
     """The forced model alone."""
     refused: tuple[Refusal, ...] = ()
     """Columns so near to dependence that no subset holds them together either, with the reason."""
-
-    __repr__ = Tabular.__repr__
-    __eq__ = Tabular.__eq__
 
     def headline(self) -> str:
         """How many subsets, and whether they are certainly the best."""

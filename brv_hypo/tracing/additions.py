@@ -9,24 +9,23 @@ from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.constants import RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.search import extended
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
 from brv_hypo.tracing.fit import Fit, history_name, with_efficiency
 
+RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 Variant = tuple[Applied, ...]
 """The components of a record effect as it may be set, none with a value yet."""
-
-_SPENT = 1e-12  # of a column's square that is left beside others, below which it says nothing
 
 
 def analyse_step(
@@ -94,7 +93,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     found = []
     for variant in filter(None, variants):
         effect, known = variant[0].effect, {history_name(each): each for each in variant}
-        columns = [given_column(name) for name in known]
+        columns = tuple(given_column(name) for name in known)
         for own in forward(problem, effect.name, (), problem.frame, columns, searched):
             pairs = zip(own.selected, own.values[own.baseline_size :].tolist(), strict=True)
             applied = tuple(known[column.term].model_copy(update={"value": value}) for column, value in pairs)
@@ -167,30 +166,12 @@ def forward(
     name: str,
     mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
-    columns: Sequence[Regressor],
+    columns: tuple[Regressor, ...],
     searched: int,
 ) -> list[HypothesisFit]:
     """Fits of 1, 2, ... choices of columns, each the one before with the choice that lowers the error most."""
-    reduced = Reduced(problem, frame)
-    batch = reduced.batch(columns)
-    products, right, squares = batch.products(batch), reduced.right(batch), batch.squares
-    offered: dict[object, list[int]] = {}
-    for place, column in enumerate(columns):
-        offered.setdefault(column.choice, []).append(place)
-    chosen: tuple[Regressor, ...] = ()
-    found: list[HypothesisFit] = []
-    while offered and len(chosen) < problem.max_terms:
-        gains = {
-            choice: float(right[own] @ solve_normal(products[np.ix_(own, own)], right[own], squares[own]))
-            for choice, own in offered.items()
-            if np.all(np.diag(products)[own] > _SPENT * squares[own])
-        }
-        best = max(gains, key=gains.__getitem__, default=None)
-        if best is None or gains[best] <= 0.0:
-            break
-        own = offered.pop(best)
-        chosen = (*chosen, *(columns[place] for place in own))
-        made = solve_normal(products[np.ix_(own, own)], products[:, own], squares[own])
-        right, products = right - made @ right[own], products - made @ products[own]
-        found.append(solved(reduced, name, mechanisms, (*problem.baseline, *chosen), searched))
+    reduced, chosen, found = Reduced(problem, frame), problem.baseline, list[HypothesisFit]()
+    while (selected := extended(problem, frame, chosen, mechanisms, [columns])) is not None:
+        chosen = (*problem.baseline, *selected)
+        found.append(solved(reduced, name, mechanisms, chosen, searched))
     return found

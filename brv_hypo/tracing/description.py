@@ -19,21 +19,10 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import even_edges
 from brv_hypo.comparison.with_processes import acting, level
-from brv_hypo.constants import (
-    CONFOUNDED_NEAR,
-    DESCRIBED_CLOSEST,
-    DESCRIBED_EDGES,
-    DESCRIBED_FINER,
-    DESCRIBED_GRADUAL,
-    DESCRIBED_SHARP,
-    DESCRIBED_SLOW,
-    DESCRIBED_STEPS,
-    TURNING_RATES,
-)
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.inference.unmodelled import TURNING_RATES, fastest_turning
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (
@@ -50,6 +39,11 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.families import Beside
 
+CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
+DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
+DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
+DESCRIBED_EDGES = 17  # times, evenly over the record, between any two of which what is described may act
+DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 GENERIC = "discovered"
 """What is described in generic terms is called this, with the number of its step."""
 _SOURCE = "found in the residual of a flight"
@@ -76,7 +70,7 @@ _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.
-_WIDTHS = {DESCRIBED_SHARP: "", DESCRIBED_GRADUAL: " that is gradual", DESCRIBED_SLOW: " that is slow"}
+_WIDTHS = {0.1: "", 0.3: " that is gradual", 1.0: " that is slow"}
 # What a single flight cannot tell apart comes in this order: a slope that changes along an entry is first of all a
 # function of Mach number, and nothing that follows the record's time can be said of another flight.
 _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}

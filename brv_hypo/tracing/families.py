@@ -21,7 +21,6 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
-from brv_hypo.constants import FAMILY_SPLINES, RECORD_EFFECT_LARGEST
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
@@ -41,6 +40,8 @@ from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
 from brv_hypo.tracing.result import Family, ProcessHistory
 
+FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
+RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
 _PLACES = 9  # at which the history of a process is reported
 
 

@@ -17,7 +17,6 @@ from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, of_flight
-from brv_hypo.constants import MODEL_ERROR_CHANCE, REPORTED_DRAG, STABLE_SIGMAS
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import (
     Along,
@@ -40,6 +39,10 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
+
+STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
+REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
+MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
 
 
 def gathered(

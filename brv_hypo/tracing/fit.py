@@ -13,19 +13,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy import stats
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import (
-    MODEL_LINEARISATIONS,
-    MODEL_MOMENT_ROUNDS,
-    MODEL_OWN_POINTS,
-    MODEL_PLAUSIBLE,
-    MODEL_TRIFLE,
-    REPORTED_REGIONS,
-    WHITE_CHANCE,
-    WHITE_LAGS,
-)
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised_flights, on_rows
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
@@ -33,6 +22,7 @@ from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
@@ -52,6 +42,18 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
 from brv_hypo.tracing.result import Residual, TraceConfig
+
+# Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones.
+MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the record
+# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
+# record that is corrected by it is no longer the one that was flown.
+MODEL_PLAUSIBLE = 3.0
+MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
+MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
+MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
+WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
+WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
+REPORTED_REGIONS = 8  # parts of a record, of which the worst is told
 
 
 @dataclass(frozen=True)
@@ -322,8 +324,30 @@ class Fit:
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual. White is only what is no larger than noise."""
-        return _residual_of(self)
+        """Tests of the residual. White is only what is no larger than noise.
+
+        Of several flights, size and place are those of the one with the largest residual against its noise.
+        """
+        data, left = self.data, self.left
+        spans = [data.frame.span(number) for number in range(len(data.records))]
+        ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
+        number = int(np.argmax(ratios))
+        usable, samples = left.usable[spans[number]], data.frame.samples(number)
+        motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+        time, samples = motion.time[samples], samples[usable]
+        plane = plane_from_body(body, motion.windward_meridian[samples])
+        channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+        p_value = _whiteness(self)
+        return Residual(
+            flight=number if len(ratios) > 1 else None,
+            rms=float(np.sqrt(left.mean_square(spans[number]))),
+            white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
+            p_value=p_value,
+            noise_ratio=ratios[number],
+            worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
+            worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
+            dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
+        )
 
     def on_whole_record(self) -> Fit:
         """The same on the whole record, with the effective share of samples that the fitted part shows.
@@ -439,30 +463,6 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 # ---- The residual: whiteness, size, where it is largest, its frequency ----
 
 
-def _residual_of(fit: Fit) -> Residual:
-    """Of several flights, size and place are those of the one with the largest residual against its noise."""
-    data, left = fit.data, fit.left
-    spans = [data.frame.span(number) for number in range(len(data.records))]
-    ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
-    number = int(np.argmax(ratios))
-    usable, samples = left.usable[spans[number]], data.frame.samples(number)
-    motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
-    time, samples = motion.time[samples], samples[usable]
-    plane = plane_from_body(body, motion.windward_meridian[samples])
-    channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value = _whiteness(fit)
-    return Residual(
-        flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(left.mean_square(spans[number]))),
-        white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
-        p_value=p_value,
-        noise_ratio=ratios[number],
-        worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
-        dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
-    )
-
-
 def _whiteness(fit: Fit) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = fit.data.fitted
@@ -470,9 +470,7 @@ def _whiteness(fit: Fit) -> float:
     flights = fit.data.frame.flight_of_row[fitted.rows]
     sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
     parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
-    chances = [
-        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
-    ]
+    chances = [whiteness([part[np.newaxis]], min(WHITE_LAGS, part.size // 4))[0].p_value for part in parts]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
     total = sum(float(part @ part) for part in parts)
     free = sum(part.size - 1 for part in parts)

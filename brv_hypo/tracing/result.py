@@ -7,15 +7,8 @@ from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.comparison.result import (
-    FlightSummary,
-    Interval,
-    MotionHistories,
-    RecordError,
-    RecordSummary,
-    TermEstimate,
-)
-from brv_hypo.constants import TRACED_BLOCKS, TRACED_KNOTS, TRACED_SIGNIFICANCE, TRACED_STEPS, TRACED_TERMS
+from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
+from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -24,6 +17,7 @@ from brv_hypo.model.model import SavedModel
 from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
+TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
 Baseline = Literal["scheduled", "constant"]
 
 
@@ -47,15 +41,15 @@ class TraceConfig(BaseModel):
     """Whether the dictionary of generic terms is searched too."""
     method: Method = "joint"
     """Of reconstruction, as in `reconstruct`."""
-    blocks: int = Field(default=TRACED_BLOCKS, ge=8, le=200)
+    blocks: int = Field(default=32, ge=8, le=200)
     """Blocks of time that the record is cut into; every fourth is held out."""
-    max_steps: int = Field(default=TRACED_STEPS, ge=1, le=30)
+    max_steps: int = Field(default=8, ge=1, le=30)
     """Effects that may be added."""
-    significance: float = Field(default=TRACED_SIGNIFICANCE, gt=0.0, lt=0.5)
+    significance: float = Field(default=0.01, gt=0.0, lt=0.5)
     """Adjusted p-value below which an effect is significant."""
-    knot_count: int = Field(default=TRACED_KNOTS, ge=0, le=40)
+    knot_count: int = Field(default=7, ge=0, le=40)
     """As in `compare`."""
-    max_terms: int = Field(default=TRACED_TERMS, ge=1, le=20)
+    max_terms: int = Field(default=4, ge=1, le=20)
     """As in `compare`."""
 
 
@@ -220,7 +214,7 @@ class Trace(HasCharts, Result):
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary
     flights: tuple[FlightSummary, ...] = ()
-    record: RecordSummary = RecordSummary()
+    record: RecordTrial = RecordTrial()
     steps: tuple[Step, ...]
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()

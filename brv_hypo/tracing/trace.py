@@ -14,13 +14,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.comparison.summary import record_summary
-from brv_hypo.constants import HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.io.text import times
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -38,6 +38,7 @@ from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
+    TRACED_SMALLEST,
     Account,
     Errors,
     Step,
@@ -285,7 +286,8 @@ def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], be
             doubts.append("one flight establishes no description in generic terms")
         if rests_on_hints(earlier):
             doubts.append("it rests on an earlier hint")
-    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_wanted else [])
+    clearly_wanted = accepted is not None and accepted.gain >= SPECIFIC
+    families = beside.shares([accepted.candidate.name] if accepted is not None and clearly_wanted else [])
     reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
     return Step(
         step=number,

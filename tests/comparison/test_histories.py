@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.result import beyond_tolerances
-from brv_hypo.constants import EXTRAPOLATED_SHARE
+from brv_hypo.inference.derivatives import EXTRAPOLATED_SHARE
 from brv_hypo.testing import plant
 from tests.chains import compared_nominal
 

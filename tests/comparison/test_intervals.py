@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
-from brv_hypo.comparison.intervals import intervals, out_of_bounds, within_bounds
+from brv_hypo.comparison.intervals import SECOND_ORDER_VALUES, intervals, out_of_bounds, within_bounds
 from brv_hypo.comparison.result import NetInterval
-from brv_hypo.constants import SECOND_ORDER_VALUES
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import TimeBasis
 from tests.comparison.pulse import fitted, pulse

@@ -12,10 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.config import OTHER_PRIOR
 from brv_hypo.comparison.result import Explained, ProcessEstimate, RecordError, Verdict, percent
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
+    WINNING_PROBABILITY,
     Candidate,
     Fit,
     decide,
@@ -26,7 +28,6 @@ from brv_hypo.comparison.verdict import (
     with_gaps,
     with_prediction_error,
 )
-from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.thresholds import NOISE_LEVEL
 
 STRETCHES = 12

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from brv_hypo.constants import OUTSIDE
+from brv_hypo.comparison.judgement import OUTSIDE
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.unmodelled import (
     RATE,

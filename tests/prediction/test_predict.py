@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brv_hypo.constants import CHANGE_CHANCE, HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import Prediction, predict
+from brv_hypo.prediction.changes import CHANGE_CHANCE
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY

@@ -23,16 +23,14 @@ from brv_hypo.comparison.result import (
     NetInterval,
     ProcessEstimate,
     RecordError,
-    RecordSummary,
     TermEstimate,
     beyond_text,
     beyond_tolerances,
 )
-from brv_hypo.constants import BEYOND_CHANCE
 from brv_hypo.docs import text
-from brv_hypo.flight.record import RecordFault
+from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.io.text import hypothesis, number
-from brv_hypo.linearisation.nuisance import beyond_level
+from brv_hypo.linearisation.nuisance import BEYOND_CHANCE, beyond_level
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
@@ -411,7 +409,7 @@ def test_a_name_that_is_a_description_only_is_in_the_heading_as_one() -> None:
 
 def test_what_was_only_corrected_is_warned_of_last() -> None:
     spikes = RecordFault("q", "spikes", 1.0, 2.0, "replaced by a cubic spline", False)
-    shown = graded().model_copy(update={"warnings": ("tell-tale",), "record": RecordSummary(faults=(spikes,))})
+    shown = graded().model_copy(update={"warnings": ("tell-tale",), "record": RecordTrial(faults=(spikes,))})
     text = printed(shown)
     assert text.index("tell-tale") < text.index("cubic spline")
 

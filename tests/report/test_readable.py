@@ -11,8 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.result import RecordSummary
-from brv_hypo.flight.record import RecordFault
+from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
@@ -202,7 +201,7 @@ class TestTrace:
         sound = traced_trim()
         assert sound.record.sound
         fault = RecordFault(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
-        doubted = sound.model_copy(update={"record": RecordSummary(sound=False, faults=(fault,))})
+        doubted = sound.model_copy(update={"record": RecordTrial(sound=False, faults=(fault,))})
         document = trace_document(doubted)
         assert document.conclusion_title == "Record in doubt"
         assert document.conclusion.startswith("The record contradicts itself")

@@ -7,13 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from brv_hypo.constants import FAMILY_SPLINES
 from brv_hypo.mechanisms.contract import FAMILIES, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, moment_processes
 from brv_hypo.model.model import Applied
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model
-from brv_hypo.tracing.families import Beside, _family_of, _finer_processes, beside_processes
+from brv_hypo.tracing.families import FAMILY_SPLINES, Beside, _family_of, _finer_processes, beside_processes
 from brv_hypo.tracing.fit import Flights, converged, correct, fitted_about
 from tests.chains import judged_cone
 from tests.flights import nominal

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.constants import LOOP_REPEATED_BLOCKS, REPEATED_ERRORS
 from brv_hypo.inference.rows import rows_of
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
-from brv_hypo.tracing.acceptance import _repetitions
+from brv_hypo.tracing.acceptance import LOOP_REPEATED_BLOCKS, REPEATED_ERRORS, _repetitions
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.families import beside_processes

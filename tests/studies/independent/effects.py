@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.mechanisms import RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.tracing import Trace
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
 from brv_hypo.tracing.result import Baseline
 from tests.studies.independent.dynamics import PAD
 from tests.studies.independent.flights import Made, draw_flight, make_flight

@@ -198,7 +198,7 @@ def _inertia(*names: str) -> Spoil:
     def corrupt(record: Record, random: np.random.Generator) -> Record:
         factor = 1.0 + 0.05 * float(random.choice([-1.0, 1.0]))
         changes = {name: factor * getattr(record.vehicle, name) for name in names}
-        return record.model_copy(update={"vehicle": record.vehicle.model_copy(update=changes)})
+        return record.model_copy(update={"vehicle": replace(record.vehicle, **changes)})
 
     return corrupt
 

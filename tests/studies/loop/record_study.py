@@ -17,7 +17,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.record import Flight
@@ -31,6 +30,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import is_bend
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
 from brv_hypo.tracing.fit import Fit, Flights, converged, with_efficiency
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
