@@ -220,14 +220,14 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
 def _named(verdict: Verdict, leader: Candidate) -> str:
     chance = _share(verdict.probability[leader.name])
     if leader.name == NONE:
-        said = f"No mechanism on the list is needed: baseline and processes explain the moments (probability {chance})."
+        needed = f"is needed: baseline and processes explain the moments (probability {chance})."
         made = 0.0 if verdict.explained is None else verdict.explained.processes
         if made < PROCESSES_LARGE:
-            return said
+            return f"No mechanism {needed}"
         largest = next((f", {each.name} most of all," for each in verdict.processes if each.size > each.std_error), "")
         return (
-            f"{said} But processes{largest} make {percent(made)} % of what the baseline does not explain: something "
-            "else acts, which `brv-hypo trace` looks for."
+            f"No mechanism on the list {needed} But processes{largest} make {percent(made)} % of what the baseline "
+            "does not explain: something else acts, which `brv-hypo trace` looks for."
         )
     return f"{leader.name} explains the moments best (probability {chance})."
 

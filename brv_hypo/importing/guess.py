@@ -140,7 +140,7 @@ def _no_clock(table: ForeignTable) -> str:
     known = ", ".join(map(one_line, table.read.columns)) or "none"
     return fault or (
         f"no column rises strictly from sample to sample, as time does (there are {known}). Likely cause: a table "
-        "without time. Remedy: add a column of sample times."
+        "without time, or vehicle data, which are entered in the map by hand. Remedy: add a column of sample times."
     )
 
 

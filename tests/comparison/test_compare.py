@@ -113,6 +113,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
     assert set(content["verdict"]["limits"][0]) == {
         "mechanism",
         "share_of_moment_95",
+        "share_in_part_95",
         "coefficient_95",
         "coefficients_95",
     }
