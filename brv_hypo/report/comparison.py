@@ -213,6 +213,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ahead=(
             *first["overview"],
             tables.ranking_table(comparison),
+            Texts(tables.idle_texts(comparison), bullets=False),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
         beside=[

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from brv_hypo.comparison.result import beyond_text
@@ -159,7 +161,7 @@ def trace_document(result: Trace) -> Document:
         "" if sound else CONTRADICTED,
         _found_text(result),
         f"Hints, no findings: {', '.join(result.hints)}. {next_step(result)}" if result.hints else "",
-        result.static_stability,
+        result.static_stability or _stable_text(result.static_slopes),
         result.dynamic_stability,
         " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
         if collinear
@@ -229,6 +231,13 @@ def _found_text(result: Trace) -> str:
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
+
+
+def _stable_text(slopes: Sequence[Derivative]) -> str:
+    """That the static moment is stable, and by how much, in a sentence; empty where there is no slope."""
+    flown = [value for slope in slopes for value in slope.at_flown]
+    ends = f"from {number(min(flown), 2)} to {number(max(flown), 2)}" if flown else ""
+    return f"The static moment is stable: C_malpha {ends} per rad at the angles flown." if flown else ""
 
 
 def next_step(result: Trace) -> str:
