@@ -117,6 +117,7 @@ def families_text(step: Step) -> str:
     for each in filter(is_sure, step.decomposition):
         whole, low, high = (share(value) for value in (each.share, *each.interval_95))
         beside = [] if low == high == whole else [f"{low.removesuffix(' %')} to {high}"]
+        beside += [f"with {', '.join(each.effects)}"] if each.effects else []
         beside += [] if each.history is None else [f"mostly {each.history.process}"]
         said.append(f"{each.family} {whole}" + (f" ({', '.join(beside)})" if beside else ""))
     return ", ".join(said)

@@ -154,7 +154,8 @@ class Beside:
             error = NORMAL_95 * jackknife_error((fall.sum() - fall) / np.maximum(left_out, 1e-300))
             low, high = np.clip([share - error, share + error], 0.0, 1.0).tolist()
             known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
-            found.append(Family.model_validate({**known, "history": histories.get(family)}))
+            effects = tuple(name for name in names if self.families[name] == family)
+            found.append(Family.model_validate({**known, "effects": effects, "history": histories.get(family)}))
         return tuple(sorted(found, key=lambda each: -each.share))
 
     @cached_property

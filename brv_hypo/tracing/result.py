@@ -102,11 +102,12 @@ class ProcessHistory(NullIsNaN):
 
 
 class Family(NullIsNaN):
-    """What a family of effects and processes explains of the residual's mean square; its largest process."""
+    """What a family of effects and processes explains of the residual's mean square; which effects, largest process."""
 
     family: str
     share: float
     interval_95: Interval
+    effects: tuple[str, ...] = ()
     history: ProcessHistory | None = None
 
 
