@@ -38,7 +38,7 @@ def silent(fraction: float | None, text: str) -> None:
 def report_to(progress: Progress | None) -> Report:
     """A callable that reports to `progress`, whatever it is, and to the log."""
     bar: Any = progress
-    move: Report = bar or silent
+    move: Report = silent if progress is None else bar  # a tqdm bar without a total has no truth value
     if hasattr(bar, "add_task"):
         task = bar.task_ids[-1] if bar.task_ids else bar.add_task("", total=None)
 

@@ -102,7 +102,8 @@ def compare(
     config = settings_of(CompareConfig, config, settings)
     wanted = _hypotheses(config)  # an unknown name is refused whatever the record is like
     fits = {f"fitting {hypothesis(name)}": 0.1 + 0.5 * k / len(wanted) for k, name in enumerate(wanted)}
-    say = stages(report_to(progress), {"reconstructing": 0.02, **fits, **LATER_STAGES})
+    report = report_to(progress)
+    say = stages(report, {"reconstructing": 0.02, **fits, **LATER_STAGES})
     say("checking the record")
     trials = [try_record(flight) for flight in flights_of(flights)]
     record = record_summary([trial for _, trial in trials])
@@ -117,6 +118,7 @@ def compare(
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
         "warnings": (*found.warnings, *reasons, *filter_warnings(tried)),
     }
+    report(1.0, "compared")
     return found.model_copy(update=about_record)
 
 

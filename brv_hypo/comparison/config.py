@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, TypedDict
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from brv_hypo.motion.methods import Method
 
@@ -57,9 +57,15 @@ class CompareConfig(BaseModel):
         description="Prior probability that something outside the list moved the vehicle.",
     )
 
+    @field_validator("mechanisms", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        """Names in one text, as on the command line, one by one."""
+        return tuple(name.strip() for name in value.split(",")) if isinstance(value, str) else value
+
 
 CompareSettings = TypedDict("CompareSettings", {  # noqa: UP013
-    "mechanisms": Sequence[str] | None, "options": Mapping[str, Mapping[str, Any]], "method": str,
+    "mechanisms": Sequence[str] | str | None, "options": Mapping[str, Mapping[str, Any]], "method": str,
     "knots": Sequence[float] | None, "knot_count": int, "max_terms": int, "exact_terms": int, "refine": bool,
     "accept_record": bool, "held_out_blocks": int,
     "maximum_likelihood": Literal["quick", "full", "none"], "other_prior": float,

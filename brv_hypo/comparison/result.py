@@ -19,9 +19,9 @@ from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL
 BEYOND_NAMED = 3  # of what is beyond its tolerance
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
-QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
+QUOTED = "quote the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
-BUT_MARKED = ", but none that is marked *"
+BUT_MARKED = ", but no value that is marked *"
 
 
 class TermEstimate(NullIsNaN):

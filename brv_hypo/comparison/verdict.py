@@ -227,7 +227,7 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
         largest = next((f", {each.name} most of all," for each in verdict.processes if each.size > each.std_error), "")
         return (
             f"No mechanism on the list {needed} But processes{largest} make {percent(made)} % of what the baseline "
-            "does not explain: something else acts, which `brv-hypo trace` looks for."
+            "does not explain: what they describe, or something that is not on the list. `brv-hypo trace` looks for it."
         )
     return f"{leader.name} explains the moments best (probability {chance})."
 

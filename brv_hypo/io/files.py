@@ -117,7 +117,9 @@ def check_target(path: str | Path, *, overwrite: bool) -> None:
     if kind not in (None, "a file"):
         raise UsageError(f"{path} is {kind}, where a file is to be written. Name a regular file.")
     if kind is not None and not overwrite:
-        raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name, or give --force.")
+        raise ExistingOutputError(
+            f"{path} exists already and is left as it is. Choose another name, or give --force (overwrite=True)."
+        )
 
 
 def check_hdf5(path: str | Path) -> None:

@@ -146,7 +146,8 @@ def process_blocks(comparison: Comparison) -> list[Block]:
         )
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(large, 1), ROWS_AT_FIRST))
-    return [table, Texts(_one_drift(comparison), bullets=False)]
+    kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
+    return [table, Texts((*kin, *_one_drift(comparison)), bullets=False)]
 
 
 def _one_drift(comparison: Comparison) -> list[str]:
@@ -165,8 +166,8 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     """What the columns of the processes mean, and which are left out of the table."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the static moment.",)
-    others = (f"At most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the moment.",)
+    others = (f"Estimated below {share(LEAST_PROCESS)} of the moment: {small}. {KIN}",) if small else ()
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),
@@ -257,8 +258,9 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
 
 
-ACTING_LONG = "In a part of a quarter of the record or longer"
-IN_A_PART = "In a part: not throughout, as trim and the baseline do, which may take up far more."
+KIN = "Processes of one family may stand for one another: quote their sum."
+ACTING_LONG = "For a quarter of the record or longer"
+IN_A_PART = "In a part of the record; of what acts throughout, trim and the baseline may take up more."
 
 
 def limit_blocks(comparison: Comparison) -> list[Block]:

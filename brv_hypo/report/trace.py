@@ -41,8 +41,7 @@ SCHEDULED = (
     "comparison (setting `baseline`; no held-out error chooses between them)."
 )
 WORSE = (
-    "scheduled may be the worse of them as it has more coefficients, or where the next row is the cubic static "
-    "moment: that is added to a model without the bend that constant has."
+    "Here scheduled predicts worse: it has coefficients that this flight does not need, or lacks the bend of constant."
 )
 
 DAMPING_AS_ESTIMATED = (
@@ -196,6 +195,13 @@ def trace_document(result: Trace) -> Document:
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
+    own = [term for term in result.model.terms if term.mechanism in result.findings]
+    estimates = term_table(
+        "What was found, beside all that was added and without processes: quote those of `compare`",
+        own,
+        "always",
+        most=tables.ROWS_AT_FIRST,
+    )
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
@@ -214,6 +220,7 @@ def trace_document(result: Trace) -> Document:
         decided=result.unexplained is None and sound,
         blocks=sections,
         beside=(
+            estimates,
             errors,
             Texts(both, bullets=False),
             families_chart(result.steps[0]),
@@ -225,10 +232,9 @@ def trace_document(result: Trace) -> Document:
 def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        last = next(step for step in reversed(result.steps) if step.status == "finding")
-        after = last.error_before if last.error_after is None else last.error_after
-        left = share(after.held_out / result.steps[0].error_before.held_out)
-        return f"Found: {', '.join(result.findings)}; the held-out error is {left} of what it is without."
+        found = [each.held_out for each in result.account if each.model in result.findings]
+        left = share((found or [result.account[-1].held_out])[-1] / result.steps[0].error_before.held_out)
+        return f"With {', '.join(result.findings)}, the held-out error is {left} of what it is without."
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
@@ -247,13 +253,14 @@ def next_step(result: Trace) -> str:
     named, usual = [name for name in result.hints if kinds.get(name) == "mechanism"], compared([])
     rivals = [*usual, *(name for name in named if name not in usual)] if set(named) - set(usual) else []
     options, written = "", ""
-    if result.discovered is not None:
+    described = any(kinds.get(name) == "discovered" for name in result.hints)
+    if described:
         written = ", with what --write-mechanism FILE.yaml writes here,"
         options = " --plugin FILE.yaml"
     if rivals:
         options = f" --mechanisms {','.join(rivals)}" + options
     weighed = f"`brv-hypo compare FLIGHT.h5{options}`{written} weighs it against its rivals; "
-    first = weighed if named or result.discovered is not None else ""
+    first = weighed if named or described else ""
     return (
         f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml`, with what --write-model MODEL.yaml "
         "writes here, tells whether it holds on another flight."

@@ -119,7 +119,7 @@ class TestTerminal:
         short, whole = printed(graded()), printed(graded(), verbose=True)
         assert max(cell_len(line) for line in short.splitlines()) <= 80
         assert "and 3 more: add -v" in short
-        assert f"At most 0.1 % of the static moment: {PROCESSES[-1].name}." in whole
+        assert f"Estimated below 0.1 % of the moment: {PROCESSES[-1].name}." in whole
         assert PROCESSES[-1].share_of_moment <= LEAST_PROCESS
         for each in PROCESSES[:4]:
             assert line_of(short, each.name) == line_of(whole, each.name)
@@ -208,7 +208,7 @@ class TestTerminal:
 
     def test_that_no_process_is_large_is_said(self) -> None:
         shown = " ".join(printed(graded(processes=PROCESSES[-1:])).split())
-        assert "in every hypothesis) makes more than 0.1 % of the static moment." in shown
+        assert "in every hypothesis) makes more than 0.1 % of the moment." in shown
         assert "Processes beside" not in shown
 
     def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:
@@ -325,7 +325,7 @@ class TestPython:
         troubled = graded().model_copy(update={"ranking": (row,), "collinear_groups": ()})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
         marked = troubled.model_copy(update={"collinear_groups": (("C_b", "C_m0"),)})
-        assert marked.conclusion().endswith(f"{said}, but none that is marked *.")
+        assert marked.conclusion().endswith(f"{said}, but no value that is marked *.")
 
     def test_rows_have_the_evidence(self) -> None:
         assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]

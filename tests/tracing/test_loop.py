@@ -157,7 +157,7 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     shares = "body 83 % (70 to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
-        (("trim",), f"Found: trim; the held-out error is {left} of what it is without."),
+        (("trim",), f"With trim, the held-out error is {left} of what it is without."),
     ):
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
