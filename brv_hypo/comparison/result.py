@@ -10,12 +10,13 @@ from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import hypothesis, number, times
+from brv_hypo.io.text import hypothesis, known_to, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL
 
+DAMPING = "C_damping"  # negative: it takes energy out of the motion
 BEYOND_NAMED = 3  # of what is beyond its tolerance
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
@@ -474,14 +475,18 @@ class Comparison(HasCharts, Result):
         leader = self.ranking[0] if self.ranking else None
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
-        ends = (acts[0].start_s, acts[-1].stop_s)
+        ends, size = (acts[0].start_s, acts[-1].stop_s), ""
+        if len(acts) == 1 and len(acts[0].values) == 1:
+            (net,) = acts[0].values
+            damps = {True: ", which damps", False: ", which undamps"}[net.value < 0.0] if net.name == DAMPING else ""
+            size = f" {net.name} is {known_to(net.value, net.std_error)} ± {number(net.std_error, 2)}{damps}."
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
-            return f"It acts from Mach {machs}, on each flight at its own times."
+            return f"It acts from Mach {machs}, on each flight at its own times.{size}"
         if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
-            return "It acts throughout the record."
+            return f"It acts throughout the record.{size}"
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
-        return f"It acts from {times(*ends)}{known}."
+        return f"It acts from {times(*ends)}{known}.{size}"
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

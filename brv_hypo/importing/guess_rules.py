@@ -43,7 +43,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
     "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
-                         ("pdyn",), ("dynpress",)),
+                         ("pdyn",), ("dynpress",), ("q", "psf"), ("q", "pa"), ("q", "kpa"), ("q", "psi")),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",), ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
@@ -130,8 +130,9 @@ def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
 
 
 def _of_another(words: Sequence[str]) -> bool:
-    """Whether a name that begins with one letter goes on with another quantity: P_BARO1, V_BATT, T_MOTOR."""
-    return any(word.startswith(("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")) for word in words)
+    """Whether a name that begins with one letter goes on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF."""
+    others = ("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")
+    return any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
 
 
 def _axis_of(words: Sequence[str]) -> str | None:

@@ -154,6 +154,8 @@ class Mechanism(BaseModel, ABC):
     """True where the terms of one region are components of one vector: they enter and leave together."""
     several_parameters_at_once: ClassVar[bool] = False
     """True where terms of several theta may stand side by side, as the delays of Eq. 5.1 do."""
+    stated_family: ClassVar[str | None] = None
+    """One of `FAMILIES`; None: that of the processes whose shapes make most of its moment."""
     characteristic: ClassVar[tuple[str, ...]] = ()
     """Names of the terms without one of which a fit says nothing of this mechanism in particular, as a stiffness that
     changes says nothing of asymmetric flow; empty where every term does."""

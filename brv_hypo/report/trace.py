@@ -195,7 +195,10 @@ def trace_document(result: Trace) -> Document:
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
-    own = [term for term in result.model.terms if term.mechanism in result.findings]
+    rising = {
+        term.mechanism for term in result.model.terms if term.name.startswith("ramp ")
+    }  # no number of them is a size
+    own = [term for term in result.model.terms if term.mechanism in set(result.findings) - rising]
     estimates = term_table(
         "What was found, beside all that was added and without processes: quote those of `compare`",
         own,

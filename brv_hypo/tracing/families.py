@@ -281,7 +281,9 @@ def _history(process: Process, motion: Motion, own: Evidence, number: int) -> Pr
 
 
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
-    """The family whose shapes make most of what an effect's moment is, each by itself between two changes of it."""
+    """The family that an effect states, or whose shapes make most of its moment, each by itself between two changes."""
+    if (stated := point.frame.mechanisms[name].stated_family) is not None:
+        return stated
     known, processes = list(zip(point.columns, point.values.tolist(), strict=True)), moment_processes()
     residuals = np.zeros(len(processes))
     for number, motion in enumerate(motions):

@@ -22,6 +22,7 @@ class BodyFixed(Mechanism):
     name, title = "bodyfixed", "body-fixed moment at phi_b"
     claims = "a moment that keeps its direction in the body while the wind turns around it, in and out of plane"
     source = "report, Table 2.1 (c), Section 5.3.2; Chrusciel (1973) per cycle"
+    stated_family = "body"
     terms_enter_together = True
 
     variant: Literal["regions", "per_cycle"] = "regions"

@@ -20,6 +20,7 @@ class Damping(Mechanism):
     name, title = "damping", "unstable damping"
     claims = "a damping moment of the wrong sign, in the plane of the angle of attack; nothing out of plane"
     source = "report, Table 2.1 (a)"
+    stated_family = "rate"
 
     form: Literal["in_plane", "complete"] = "in_plane"
 

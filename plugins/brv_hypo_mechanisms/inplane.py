@@ -16,6 +16,7 @@ class InPlane(Mechanism):
     name, title = "inplane", "asymmetric in-plane flow"
     claims = "sudden or ramping changes of the in-plane moment, at alpha = 0 and per alpha; nothing out of plane"
     source = "report, Table 2.1 (b) and Table 5.5"
+    stated_family = "stiffness"
     time_variation = ("jump", "ramp")
     characteristic = ("C_m0",)
     wind_fixed = True

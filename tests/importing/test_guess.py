@@ -191,6 +191,7 @@ def test_a_table_without_time_is_refused(tmp_path: Path) -> None:
         ("t_min", "time", "min"),
         ("time [milliseconds]", "time", "ms"),
         ("PDYN_psf", "dynamic_pressure", "psf"),
+        ("q_psf", "dynamic_pressure", "psf"),
         ("Mach", "mach", "dimensionless"),
     ],
 )

@@ -300,6 +300,18 @@ class TestPython:
             row = found.ranking[0].model_copy(update={"intervals": intervals})
             assert found.model_copy(update={"ranking": (row,)}).conclusion().startswith(said)
 
+    @pytest.mark.parametrize(("value", "said"), [(-7.35, "which damps."), (0.42, "which undamps.")])
+    def test_the_size_of_one_coefficient_is_part_of_the_answer(self, value: float, said: str) -> None:
+        """And whether a damping moment takes energy out of the motion, whatever its mechanism is called."""
+        about = {"channel": "in-plane", "f_ratio": 100.0, "units": "1", "std_error": 0.1}
+        term = TermEstimate(name="C_damping", mechanism="damping", value=value, **about)
+        nothing = term.model_copy(update={"value": 0.0})
+        ends = [(1.0, 2.0, nothing), (2.0, 3.0, term), (3.0, 6.0, nothing)]
+        intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(net,)) for a, b, net in ends)
+        row = graded("damping").ranking[0].model_copy(update={"intervals": intervals})
+        first = graded("damping").model_copy(update={"ranking": (row,)}).conclusion().splitlines()[0]
+        assert first.endswith(f" C_damping is {value} ± 0.1, {said}")
+
     def test_errors_beyond_tolerances_are_part_of_the_answer(self) -> None:
         """A trim of 14 tolerances is, what is within its tolerance is not; also where nothing is adequate."""
         sizes = {"trim C_m0": 1e-3, "gyro_bias p": 1e-5}

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import FAMILIES, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, moment_processes
 from brv_hypo.model.model import Applied
@@ -59,12 +60,16 @@ def test_families_are_compared_at_one_resolution() -> None:
         assert isinstance(finer[each.name], type(each))
 
 
-def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time() -> None:
-    """One that ends is small, not nothing, after its end."""
+@pytest.mark.parametrize("stated", [None, "body", "rate"])
+def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
+    stated: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that ends is small, not nothing, after its end; a family that is stated is its own."""
+    monkeypatch.setattr(type(find("bodyfixed")), "stated_family", stated)
     beside = judged_cone("bodyfixed")
     fit = beside.fits[beside.leader]
     assert len({column.time_basis for column in fit.selected}) > 1
-    assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == "body"
+    assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == (stated or "body")
 
 
 @pytest.mark.slow
