@@ -61,7 +61,8 @@ def gathered(
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found = whole.coefficients
     definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
-    damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
+    weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
+    damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping, weight)
     findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
@@ -75,7 +76,7 @@ def gathered(
             terms=(*estimates(found.columns, found.values, found.covariance, data.frame), *_record_terms(whole)),
             definition=definition,
         ),
-        record_errors=record_errors(beside),
+        record_errors=record_errors(beside, weight),
         **collinear(found.columns, found.covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
