@@ -2,7 +2,6 @@
 
 A threshold is a plain number where it is used; its entry in `THRESHOLDS` says the rest, and `source` names the paper,
 the study (`python -m ...`) or the test file of this repository that set it or holds with it. "Judgement" stands where
-nothing where
 nothing but experience did. Numerics that decide nothing (step widths, orders of a fit, sizes in memory) stand beside
 their code, and are judgement too where they name no source.
 """

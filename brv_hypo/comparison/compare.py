@@ -167,7 +167,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     verdict = with_far_error(comparison.verdict, known["record_errors"])
     leader = comparison.ranking[0]
     if acts := leader.acting:
-        # In whose time the region is told: one flight's, or all flights' that share a clock.
+        # The region is in the time of one flight, or of all flights where these share a clock.
         timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
         gaps = [gap for each in timed for gap in gaps_of(each)]
         verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)

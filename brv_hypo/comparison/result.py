@@ -478,8 +478,9 @@ class Comparison(HasCharts, Result):
         ends, size = (acts[0].start_s, acts[-1].stop_s), ""
         if len(acts) == 1 and len(acts[0].values) == 1:
             (net,) = acts[0].values
-            damps = {True: ", which damps", False: ", which undamps"}[net.value < 0.0] if net.name == DAMPING else ""
-            size = f" {net.name} is {known_to(net.value, net.std_error)} ± {number(net.std_error, 2)}{damps}."
+            damps = ", which damps" if net.value < 0.0 else ", which undamps"
+            sign = damps if net.name == DAMPING else ""
+            size = f" {net.name} is {known_to(net.value, net.std_error)} ± {number(net.std_error, 2)}{sign}."
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"It acts from Mach {machs}, on each flight at its own times.{size}"

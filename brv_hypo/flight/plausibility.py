@@ -61,13 +61,15 @@ THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not ex
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_USUAL = (0.05, 2.0)  # axial coefficients of cones to capsules (Hoerner, Fluid-Dynamic Drag, 1965)
+FEET = 0.3048  # m in a foot (international, 1959)
+PSF = 47.88026  # Pa in a lbf/ft^2
 # What a dynamic pressure was taken for, and how much of it one Pa that was read is.
 MISREAD_PRESSURES = {
-    "in lbf/ft^2, tagged Pa": 47.88026,
+    "in lbf/ft^2, tagged Pa": PSF,
     "in kPa, tagged Pa": 1e3,
-    "in Pa, tagged lbf/ft^2": 1.0 / 47.88026,
+    "in Pa, tagged lbf/ft^2": 1.0 / PSF,
     "in Pa, tagged kPa": 1e-3,
-    "of a speed in ft/s, tagged m/s": 0.3048**2,
+    "of a speed in ft/s, tagged m/s": FEET**2,
 }
 SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias

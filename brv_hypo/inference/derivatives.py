@@ -24,7 +24,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
-REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
+REPORTED_SLOPES = 32  # places along a flight at which the static slope is reported
 # Of the change that a bend (alpha^2) makes of a slope from alpha = 0 to the greatest angle flown, the share below the
 # least angle flown, which no sample shows, beyond which a value at alpha = 0 is an extrapolation; convention.
 EXTRAPOLATED_SHARE = 0.05

@@ -32,7 +32,9 @@ from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import ALTITUDE_FOLLOWS, DENSITY_FOLLOWS, PRESSURE_FOLLOWS, atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
 from brv_hypo.flight.plausibility import (
+    FEET,
     GRAVITY,
+    PSF,
     contradictions,
     fitted_slopes,
     integral,
@@ -67,9 +69,7 @@ TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere
 
 
 DEGREES = 180.0 / np.pi  # deg in a rad
-FEET = 0.3048  # m in a foot (international, 1959)
 KNOT = 1852.0 / 3600.0  # m/s in a knot (international, 1929)
-PSF = 47.88026  # Pa in a lbf/ft^2
 
 _INSTRUMENTS: dict[str, tuple[str, ...]] = {
     "gyros": GYROS,

@@ -99,11 +99,11 @@ def time_splines(time: FloatArray, start: float, stop: float, count: int) -> Flo
 @lru_cache(maxsize=8)
 def _kept_splines(time: bytes, start: float, stop: float, count: int) -> FloatArray:
     place = np.clip((np.frombuffer(time) - start) / (stop - start), 0.0, 1.0 - 1e-12)
-    if count == 1:
-        return np.ones((place.size, 1))
-    design = BSpline.design_matrix((count - 3) * place, np.arange(-3.0, count + 1.0), 3).toarray()
+    design = np.ones((place.size, 1))
+    if count > 1:
+        design = BSpline.design_matrix((count - 3) * place, np.arange(-3.0, count + 1.0), 3).toarray()
     design.setflags(write=False)
-    return np.asarray(design)
+    return design
 
 
 def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -21,7 +21,7 @@ PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights f
 PREDICTED_GREATLY = 0.5
 PREDICTED_SMALL = 0.01
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
-PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which what a model left where it was found is told
+PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which a model's residual where it was found is reported
 
 
 class ModelSource(NullIsNaN):

@@ -434,5 +434,13 @@ def _intervals(path: PlanePath) -> Iterator[Panel]:
 def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
     """Bars of those that are known, in percent; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    percent, texts = [100.0 * value for value in known.values()], list(map(written, known.values()))
-    return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []
+    return [Panel("", [percent_bars(known, role, written)])] if known else []
+
+
+def percent_bars(
+    shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share, name: str = ""
+) -> Bars:
+    """Shares as bars in percent; `name` is what the legend says of them."""
+    return Bars(
+        list(shares), [100.0 * each for each in shares.values()], list(map(written, shares.values())), role, name
+    )

@@ -50,6 +50,7 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 SLOW = "drifts, gusts and the like, in every hypothesis"
+KIN = "Processes of one family may stand for one another: quote their sum."
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
     "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
@@ -258,7 +259,6 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
 
 
-KIN = "Processes of one family may stand for one another: quote their sum."
 ACTING_LONG = "For a quarter of the record or longer"
 IN_A_PART = "In a part of the record; of what acts throughout, trim and the baseline may take up more."
 

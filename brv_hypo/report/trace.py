@@ -16,20 +16,7 @@ from brv_hypo.mechanisms.registry import compared
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Block,
-    Chart,
-    Document,
-    Line,
-    Panel,
-    Role,
-    Section,
-    Table,
-    Texts,
-    thinned,
-)
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
@@ -89,15 +76,10 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
 
 def families_chart(step: Step) -> Chart:
     """The share of a step's residual that each family explains, largest first; those not surely above nothing grey."""
-    known: dict[tuple[Role, str], list[Family]] = {
-        ("second", ""): [each for each in step.decomposition if is_sure(each)],
-        ("none", NOT_SURE): [each for each in step.decomposition if not is_sure(each)],
-    }
-    layers = [
-        Bars([e.family for e in some], [100.0 * e.share for e in some], [share(e.share) for e in some], role, name)
-        for (role, name), some in known.items()
-        if some
-    ]
+    sure = {each.family: each.share for each in step.decomposition if is_sure(each)}
+    doubtful = {each.family: each.share for each in step.decomposition if not is_sure(each)}
+    layers = [charts.percent_bars(sure, "second")] if sure else []
+    layers += [charts.percent_bars(doubtful, "none", name=NOT_SURE)] if doubtful else []
     panels = [Panel("", layers)] if layers else []
     read = (
         "Of the mean square that the first model does not explain: first by effects that were added, then by processes."
@@ -195,10 +177,10 @@ def trace_document(result: Trace) -> Document:
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
-    rising = {
-        term.mechanism for term in result.model.terms if term.name.startswith("ramp ")
-    }  # no number of them is a size
-    own = [term for term in result.model.terms if term.mechanism in set(result.findings) - rising]
+    # The coefficient of a ramp is a rate, and no size of what was found.
+    rising = {term.mechanism for term in result.model.terms if term.name.startswith("ramp ")}
+    sized = set(result.findings) - rising
+    own = [term for term in result.model.terms if term.mechanism in sized]
     estimates = term_table(
         "What was found, beside all that was added and without processes: quote those of `compare`",
         own,

@@ -21,11 +21,11 @@ from pydantic import AfterValidator, Field, model_validator
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.flight.clock import sigma_of_differences
-from brv_hypo.flight.plausibility import GRAVITY
+from brv_hypo.flight.plausibility import FEET, GRAVITY, PSF
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
-from brv_hypo.motion.compatibility import DEGREES, FEET, PSF
+from brv_hypo.motion.compatibility import DEGREES
 from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig, config_path

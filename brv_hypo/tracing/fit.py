@@ -53,7 +53,7 @@ MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most,
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
-REPORTED_REGIONS = 8  # parts of a record, of which the worst is told
+REPORTED_REGIONS = 8  # parts of a record, of which the worst is reported
 
 
 @dataclass(frozen=True)
