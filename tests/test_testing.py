@@ -57,5 +57,5 @@ class Forgetful(find("sticking").__class__):  # type: ignore[misc]
 
 
 def test_a_delay_in_another_unit_than_declared_is_caught() -> None:
-    with pytest.raises(Nonconformity, match=r"at 'delay' = 0\.45 ms .* 0\.45 s earlier, not 0\.00045 s"):
+    with pytest.raises(Nonconformity, match=r"at 'delay' = 0\.75 ms .* 0\.75 s earlier, not 0\.00075 s"):
         check_mechanism(Forgetful())

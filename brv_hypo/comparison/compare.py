@@ -17,7 +17,15 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
-from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart, events_unreached, motions_beside
+from brv_hypo.comparison.diagnostics import (
+    best_by_size,
+    delays_at_bounds,
+    diagnostics,
+    events_apart,
+    events_unreached,
+    motions_beside,
+    with_errors_of_processes,
+)
 from brv_hypo.comparison.intervals import out_of_bounds
 from brv_hypo.comparison.judgement import (
     Hypotheses,
@@ -153,7 +161,9 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     if len(flights) > 1:
         verdict = with_better_rival(verdict, ratios)
     selected = clock.perf_counter()
-    likelihoods = identify_credible(problem, fits, verdict, config, say)
+    alone = identify_credible(problem, fits, verdict, config, say)
+    pairs = {fit.name: (fit, own) for fit, own in zip(fits, beside.evidences, strict=True)}
+    likelihoods = {name: found and with_errors_of_processes(found, *pairs[name]) for name, found in alone.items()}
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -176,7 +186,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])
     events = (*events_unreached(comparison), *events_apart(beside))
-    about = {"best_by_size": sized, "warnings": (*events, *warnings)}
+    about = {"best_by_size": sized, "warnings": (*events, *delays_at_bounds(fits[beside.leader]), *warnings)}
     return comparison.model_copy(update={**known, **about})
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,6 +14,8 @@ from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
+from brv_hypo.identification import Estimate, Identification
+from brv_hypo.identification.parameters import NonlinearParameter
 from brv_hypo.inference.derivatives import along_flights, damping, process_history, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
@@ -33,6 +35,7 @@ from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
+_AT_BOUND = 0.01  # of a range: a value so near its end lies there
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 
@@ -91,6 +94,38 @@ def _held_out(judged: Judged, place: int) -> dict[str, float]:
     gains = judged.weight * (judged.evidences[place].held_out - judged.evidences[judged.null].held_out)
     error = float(np.sqrt(gains.size * np.var(gains, ddof=1))) if gains.size > 1 else float("nan")
     return {"held_out_gain": float(np.sum(gains)), "held_out_gain_std_error": error}
+
+
+def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evidence) -> Identification:
+    """A likelihood, which knows no processes, with the errors that they make of its estimates."""
+    covariance, variances = own.errors_of_processes
+    count = len(fit.columns)
+    if found.problem is None or covariance.shape[0] != count + len(fit.nonlinear):
+        return found
+
+    def variance(parameter: NonlinearParameter) -> float:
+        """Of a delay or knot, which the fit has as the middle and the width of an onset."""
+        row, side = np.zeros(covariance.shape[0]), {"start": -0.5, "stop": 0.5, "theta": 0.0}[parameter.kind]
+        for k, other in enumerate(fit.nonlinear, start=count):
+            alike = (other.kind == "theta") is (parameter.kind == "theta")
+            if alike and {j - fit.baseline_size for j in parameter.columns} & set(other.columns):
+                row[k] = side if other.kind == "width" else 1.0
+        return float(row @ covariance @ row)
+
+    def wider(estimates: Sequence[Estimate], added: Iterable[float]) -> tuple[Estimate, ...]:
+        pairs = zip(estimates, added, strict=True)
+        return tuple(replace(each, std_error=float(np.sqrt(each.std_error**2 + more))) for each, more in pairs)
+
+    items = own.rows.problem.rows.nuisances.items
+    known = {(item.plain_label, item.flight): v * item.size**2 for item, v in zip(items, variances, strict=True)}
+    tolerated = [known.get((e.name, flight), known.get((e.name, None), 0.0)) for e, flight in found.problem.tolerated]
+    return replace(
+        found,
+        covariance=found.covariance + covariance[:count, :count],
+        terms=wider(found.terms, np.diag(covariance)[:count]),
+        nonlinear=wider(found.nonlinear, map(variance, found.problem.structure.nonlinear_parameters)),
+        instruments=wider(found.instruments, tolerated),
+    )
 
 
 def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]:
@@ -183,6 +218,19 @@ def events_unreached(comparison: Comparison) -> tuple[str, ...]:
         f"{missing} does not come by there"
         for (known, missing), machs in found.items()
     )
+
+
+def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
+    """Delays, and what else terms depend on, that lie at an end of what is searched."""
+    found = []
+    for each in fit.nonlinear:
+        low, high = each.bounds
+        if each.kind == "theta" and min(each.value - low, high - each.value) <= _AT_BOUND * (high - low):
+            found.append(
+                f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
+                f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
+            )
+    return tuple(found)
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:

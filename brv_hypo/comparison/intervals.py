@@ -83,7 +83,7 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
     weights = np.array([float(column.time_basis(middle)[0]) for column in fit.selected])
     groups: dict[tuple[str, Theta, str], list[int]] = {}
     for j, column in enumerate(fit.selected):
-        if weights[j] != 0.0:
+        if weights[j] != 0.0 and fit.acts(j, start):
             groups.setdefault((column.mechanism, _first_like(fit.selected, column), column.term), []).append(j)
     first, count = fit.baseline_size, len(fit.selected)
     rows = np.zeros((len(groups), first + count + len(fit.nonlinear)))

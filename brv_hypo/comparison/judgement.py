@@ -30,6 +30,7 @@ from brv_hypo.comparison.with_processes import (
     likelier,
     moved,
     plainest,
+    price,
     scanned,
     widened,
     with_its_evidence,
@@ -253,8 +254,8 @@ def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
 
 
 def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
-    """The log evidence over the baseline's as it counts: every mechanism that acts has its price."""
-    return weight * gain - len(acting_in(fit)) * MECHANISM_ACTS
+    """The log evidence over the baseline's as it counts: every mechanism that acts, and its form, has its price."""
+    return weight * gain - len(acting_in(fit)) * MECHANISM_ACTS - price(fit)
 
 
 def acting_in(fit: HypothesisFit) -> set[str]:
@@ -286,11 +287,10 @@ def explained(judged: Judged) -> Explained:
     Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
-    count = int(np.sum(leader.terms.scaled))
-    if not count:
+    if not np.any(of_terms := leader.terms.acting):
         noise = _noise_share(judged)
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
-    made = judged.rows.beside_baseline(leader.terms.x[:, :count])
+    made = judged.rows.beside_baseline(leader.terms.x[:, of_terms])
 
     def share_of(use: BoolArray) -> float:
         coefficients = np.linalg.lstsq(made[use], residual[use], rcond=None)[0]

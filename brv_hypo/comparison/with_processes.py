@@ -3,7 +3,7 @@
 The search, which knows no processes, describes with many knots what they explain. In order: `with_its_evidence` (a fit
 as it was searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without
 what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, and the errors
-`along_delays`.
+`along_delays`. Forms have a `price`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from brv_hypo.inference.refinement import KNOT_MARGIN, SCANNED, middle, nonlinea
 from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
+from brv_hypo.model.term import Regressor, TimeBasis, term_column, theta_grid
 from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
@@ -56,14 +56,15 @@ def in_one_region(
 ) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
-    Beside processes as large as without it, and beside ordinary ones where those are larger: the evidence has a maximum
-    at each, and large processes may have made up for it. `best`: the log evidence of the likeliest hypothesis so far.
+    Beside processes as large as without it, and beside small ones where those are larger than usual: the evidence has a
+    maximum at each, and large processes make up for a mechanism, so that beside them other times and delays explain
+    more. `best`: the log evidence of the likeliest hypothesis so far.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    beside = (null, null.ordinary) if null.has_large_processes else (null,)
+    beside = (null, null.beside_small) if null.has_large_processes else (null,)
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
     return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=least)]
 
@@ -78,7 +79,7 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
-    return moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs))))
+    return _ending_or_not(problem, moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs)))))
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -91,13 +92,24 @@ def level(pair: Pair) -> float:
     return pair[1].level
 
 
+def price(fit: HypothesisFit) -> float:
+    """What the form of a hypothesis costs beforehand, nats: onsets that take time, changes beside those of one region,
+    and that something remains of a mechanism after its last change.
+    """
+    further = float(_may_end(fit) and not fit.ends)
+    for mechanism in {column.mechanism for column in fit.selected}:
+        changes = {c.time_basis for c in fit.selected if c.mechanism == mechanism and c.time_basis.kind != "constant"}
+        further += 0.5 * max(len(changes) - 2, 0)
+    return ONSET_TAKES_TIME * len(_onsets(fit)) + FURTHER_REGION * further
+
+
 def likelier(pairs: Sequence[Pair]) -> Pair:
-    """The likeliest with possible values, where coming on over a time has to be clearly wanted."""
+    """The likeliest with possible values, less its price."""
 
     def counted(pair: Pair) -> float:
         fit, own = pair
         errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
-        return own.level - ONSET_TAKES_TIME * len(_onsets(fit)) - 0.5 * within_bounds(errors).bound_cost
+        return own.level - price(fit) - 0.5 * within_bounds(errors).bound_cost
 
     return max(pairs, key=counted)
 
@@ -110,13 +122,16 @@ def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
     """With onsets that take time, and further times between which the one mechanism acts, where the evidence clearly
-    wants them.
+    wants them; what is but the shape of an onset is none of these.
     """
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
         (found,) = regions([own], frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
         if not found or 0.5 * found[0].peak < FURTHER_REGION:
+            break
+        at = float(np.mean(found[0].region))
+        if any(onset.start < at < onset.stop for onset in _onsets(fit)):
             break
         further = _acting_between(mechanism, found[0], frame)
         there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
@@ -250,7 +265,7 @@ def _between(
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         (nearer,) = regions(starts[:1], like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
-    own = replace(like, frame=frame)
+    own = replace(like, frame=frame, ends=True)
 
     def placed(shape: Shape) -> Pair:
         return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts[1:])
@@ -281,21 +296,36 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pa
 
 
 def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:
-    """The fit with the coefficients of its terms as an evidence has them, knots and delays fixed; as it is where the
-    evidence has others.
+    """The fit with the coefficients that an evidence has, knots and delays fixed; as it is where the evidence has
+    others. What lags or sticks follows the static moment beside processes.
     """
     terms = int(np.sum(own.terms.scaled))
     if terms != len(fit.selected):
         return fit
-    values = own.values_without(range(terms, own.terms.known))[fit.baseline_size :][:terms]
-    return replace(fit, values=np.append(fit.values[: fit.baseline_size], values))
+    return replace(fit, values=own.values_without(range(terms, own.terms.known))[: fit.values.size])
 
 
 def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:
     """The hypothesis of a fit with other columns, without processes; two changes at one time are one."""
     columns = (*problem.baseline, *dict.fromkeys(selected))
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
-    return replace(fit, nonlinear=nonlinear_parameters(fit.selected, like.frame, problem.knots))
+    ends = like.ends and _may_end(fit)
+    return replace(fit, nonlinear=nonlinear_parameters(fit.selected, like.frame, problem.knots), ends=ends)
+
+
+def _may_end(fit: HypothesisFit) -> bool:
+    """Whether every coefficient of one mechanism changes again after it began."""
+    changes = [(column.term, column.theta) for column in fit.selected if math.isfinite(column.time_basis.final)]
+    often = len(changes) == len(fit.selected) and all(changes.count(each) > 1 for each in changes)
+    return often and len(fit.mechanisms) == len({theta for _, theta in changes}) == 1
+
+
+def _ending_or_not(problem: Problem, pair: Pair) -> Pair:
+    """With a mechanism of which nothing remains after its last change, unless the evidence clearly wants that."""
+    fit, own = pair
+    if not _may_end(fit):
+        return pair
+    return likelier([pair, moved(problem, fitted(problem, replace(fit, ends=not fit.ends), fit.selected, own))])
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
@@ -435,7 +465,9 @@ def _completed(problem: Problem, pair: Pair) -> Pair:
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
-    """Without changes at knots that lower the evidence, the least wanted first; two knots within a sample are one."""
+    """Without changes that lower the evidence, of a mechanism that ends without such regions, the least wanted first;
+    two knots within a sample are one.
+    """
     step = max(record.flight.step for record in problem.records)
     while True:
         fit, own = pair
@@ -445,27 +477,29 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
             for a, b in pairwise(bases)
             if b[1] == a[1] and a[0].kind == b[0].kind == "jump" and 0.0 < b[0].start - a[0].start < step
         ]
-        if close:
+        if close and not fit.ends:
             (early, theta), start = close[0]
             joined = replace(early, start=start)
             there = [c.at(theta, joined) if (c.time_basis, c.theta) == (early, theta) else c for c in fit.selected]
             pair = moved(problem, fitted(problem, fit, there, own))
             continue
-        if len(bases) < 2:
+        of_bases = [[k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis] for basis in bases]
+        parts = fit.regions if fit.ends else of_bases
+        if len(parts) < 2:
             return pair
-        levels = {basis: _level_without(fit, own, basis) for basis in bases}
-        least = max(bases, key=levels.__getitem__)
-        if levels[least] < own.level - _LINEAR:
+        levels = [_level_without(fit, own, part) for part in parts]
+        least = int(np.argmax(levels))
+        fewer = _with_columns(problem, fit, [c for k, c in enumerate(fit.selected) if k not in parts[least]])
+        needed = own.level - price(fit) + price(fewer)
+        if levels[least] < needed - _LINEAR:
             return pair
-        rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
-        fewer = moved(problem, fitted(problem, fit, rest, own))
-        if fewer[1].informed < _INFORMED or fewer[1].level < own.level:
+        found = moved(problem, with_its_evidence(own.rows, fewer, own.at))
+        if found[1].informed < _INFORMED or level(found) < needed:
             return pair
-        pair = fewer
+        pair = found
 
 
-def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
-    """The log evidence without what changes with a time basis, and without a knot or delay that moves nothing else."""
-    mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
-    alone = [k for k, p in enumerate(fit.nonlinear) if set(p.columns) <= set(mine)]
-    return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])
+def _level_without(fit: HypothesisFit, own: Evidence, places: Sequence[int]) -> float:
+    """The log evidence without some selected columns, and without a knot or delay that moves nothing else."""
+    alone = [len(fit.selected) + k for k, each in enumerate(fit.nonlinear) if set(each.columns) <= set(places)]
+    return own.level_without([*places, *alone])

@@ -32,7 +32,7 @@ from brv_hypo.inference.fit import HypothesisFit, LeftOut
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
-from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
+from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL, RECORD_AMPLITUDE
 
 # Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
 _LARGEST, _WALL = float(np.log(3.0)), 0.1
@@ -122,10 +122,16 @@ class Evidence(_Integrated):
         return bool(np.any(self.at[1 : 1 + len(usual)] > usual))
 
     @property
-    def ordinary(self) -> Evidence:
-        """The same with every process at its ordinary amplitude, not that which makes up for what terms lack."""
-        centre = [group.prior[0] for group in self.rows.groups]
-        return replace(self, at=np.concatenate([self.at[:1], centre, self.at[1 + len(centre) :]]))
+    def beside_small(self) -> Evidence:
+        """The same with every process of the moment one standard deviation of its prior below its ordinary amplitude,
+        not at that which makes up for what terms lack.
+        """
+        at, groups = self.at.copy(), self.rows.groups
+        at[1 : 1 + len(groups)] = [
+            own if group.prior == RECORD_AMPLITUDE else group.prior[0] - group.prior[1]
+            for own, group in zip(at[1:], groups, strict=False)
+        ]
+        return replace(self, at=at)
 
     @property
     def residual(self) -> FloatArray:
@@ -150,7 +156,8 @@ class Evidence(_Integrated):
         """
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
-        made = self.terms.x[:, :count] @ values
+        columns = self.terms.x[:, :count]
+        made = columns @ (values if self.terms.ending is None else np.linalg.solve(self.terms.ending, values))
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
@@ -179,6 +186,8 @@ class Evidence(_Integrated):
         made = np.zeros((known + count, self.solution.border.size))
         made[:known, :rank] = self.rows.coefficients
         made[known:, first : first + count] = np.eye(count)
+        if (ending := self.terms.ending) is not None:
+            made[known : known + len(ending), first : first + len(ending)] = ending
         return made
 
     @property
@@ -218,6 +227,26 @@ class Evidence(_Integrated):
             variance += np.sum((by_process @ inverse) * by_process, axis=1)
             out[list(block.items)] = self.noise * np.sqrt(np.maximum(variance, 0.0))
         return out
+
+    @property
+    def errors_of_processes(self) -> tuple[FloatArray, FloatArray]:
+        """What processes of these sizes add to the errors of an estimate that knows none: to the covariance of `values`
+        (values, values), and to the variances of errors within tolerances (nuisances,).
+        """
+        shared = np.append(self.rows.spread**-2.0, np.zeros(self.terms.spread.size))
+        inner = self.products.across + np.diag(shared)
+        factor = _factor(inner, float(np.max(np.diag(inner))))
+        fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
+        made, variances = self._values_of_border, np.zeros(len(self.rows.problem.rows.nuisances.items))
+        covariance = np.zeros((made.shape[0],) * 2)
+        for number, known in self.products.flights.items():
+            block = self.rows.blocks[number]
+            scale = _scale(self.rows, block, self.at)
+            moved = cho_solve((factor, True), known.with_border.T * scale, check_finite=False)  # by each coefficient
+            covariance += (made @ moved) @ (made @ moved).T
+            followed = block.errors_in_z.T * scale - block.errors.T @ fixed[block.rows] @ moved
+            variances[list(block.items)] = np.sum((block.estimates @ followed) ** 2, axis=1)
+        return self.noise**2 * covariance, self.noise**2 * variances
 
     @property
     def informed(self) -> float:
@@ -290,7 +319,7 @@ class Evidence(_Integrated):
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
         shared[:, rank:first] = allowed
-        shared[:, first : first + self.terms.known] = values[:, known:]
+        shared[:, first : first + self.terms.known] = values[:, known:] @ made[known:, first : first + self.terms.known]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
             own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -93,6 +94,8 @@ class HypothesisFit:
     left_out: LeftOut | None = None
     log_evidence: float | None = None
     """Beside processes, over that of the baseline only, as it counts; None before they are known."""
+    ends: bool = False
+    """Whether nothing remains of the mechanism after each of its `regions`."""
 
     @property
     def covariance(self) -> FloatArray:
@@ -120,6 +123,26 @@ class HypothesisFit:
     def selected(self) -> tuple[Regressor, ...]:
         """The mechanism's columns."""
         return self.columns[self.baseline_size :]
+
+    @property
+    def regions(self) -> tuple[tuple[int, ...], ...]:
+        """Places among the selected columns of each region of a mechanism that ends: changes of one coefficient are, as
+        they were added, where it begins to act and where it ends, in turn; the last region may reach the record's end.
+        """
+        counts, found = Counter[tuple[str, int | None]](), dict[int, list[int]]()
+        for place, column in enumerate(self.selected):
+            key = column.term, column.flight
+            found.setdefault(counts[key] // 2, []).append(place)
+            counts[key] += 1
+        return tuple(tuple(places) for places in found.values())
+
+    def acts(self, place: int, time: float) -> bool:
+        """Whether anything is of a selected coefficient at a time, s."""
+        column, starts = self.selected[place], []
+        if self.ends:
+            (region,) = (each for each in self.regions if place in each)
+            starts = [self.selected[k].time_basis.start for k in region if self.selected[k].term == column.term]
+        return len(starts) < 2 or starts[0] <= time < starts[1]
 
     @property
     def parameters(self) -> int:

@@ -36,6 +36,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.thresholds import ALWAYS, EVENTS_APART, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
 SETTLING = 8  # samples
+NOTHING = 1e-6  # of what the prior of a coefficient has: less than any noise shows
 TIME_BLOCKS = 12  # of a record, each left out in turn
 _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its width
 
@@ -199,11 +200,23 @@ class Terms:
     """Log probability of these terms before the data."""
     apart: int = 0
     """How many columns are contrasts between the flights' own knots, knot by knot: nuisances of the hypothesis."""
+    ending: FloatArray | None = None
+    """What makes the coefficients of the terms of those of X (terms, terms), where X has what remains after a region in
+    the place of its last change: nothing, of a mechanism that ends. None where X has the terms themselves.
+    """
 
     @property
     def known(self) -> int:
         """How many columns belong to coefficients, knots and delays that all flights share."""
         return int(self.spread.size) - self.apart
+
+    @property
+    def acting(self) -> BoolArray:
+        """Which columns (k,) are terms that may be something."""
+        if self.ending is None:
+            return self.scaled
+        count = self.ending.shape[0]
+        return np.append(np.all(self.ending == np.eye(count), axis=1), np.zeros(self.spread.size - count, dtype=bool))
 
     def only(self, places: list[int]) -> Terms:
         """Some of the columns that all flights share."""
@@ -295,15 +308,15 @@ class Rows:
             slopes = np.zeros((self.y.size, rates.shape[1]))
             slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
             x = np.concatenate([x, self.whitened(slopes)], axis=1)
-            time = frame.coefficient_time
-            whole = float(time.max() - time.min())
-            ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
-            moved = np.full(apart, EVENTS_APART * whole)
+            length = float(np.ptp(frame.coefficient_time))
+            ranges = [length if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
+            moved = np.full(apart, EVENTS_APART * length)
             spread = np.concatenate([spread, _UNIFORM * np.array(ranges), moved])
         may_end = any(mechanism.time_variation != ("constant",) for mechanism in fit.mechanisms)
         always = may_end and all(column.time_basis.kind == "constant" for column in fit.selected)
         scaled, prior = np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0
-        return Terms(x, spread, scaled, prior, apart)
+        whole = Terms(x, spread, scaled, prior, apart)
+        return _ending(whole, fit) if fit.ends else whole
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
         """Of what parameters move (frame rows, parameters) that of knots of several flights as contrasts between these,
@@ -334,6 +347,21 @@ class Rows:
     def time_blocks(self) -> IntArray:
         """Which stretch of time each row belongs to (n,), `TIME_BLOCKS` of a flight."""
         return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
+
+
+def _ending(terms: Terms, fit: HypothesisFit) -> Terms:
+    """Those of a mechanism of which nothing remains after each of its regions."""
+    selected, ending = fit.selected, np.eye(len(fit.selected))
+    for region in fit.regions:
+        for term, flight in {(selected[k].term, selected[k].flight) for k in region}:
+            first, *last = (k for k in region if (selected[k].term, selected[k].flight) == (term, flight))
+            for k in last:
+                ending[k, first] = -selected[first].time_basis.final / selected[k].time_basis.final
+    x, spread, count = terms.x.copy(), terms.spread.copy(), len(selected)
+    x[:, :count] = x[:, :count] @ ending
+    found = replace(terms, x=x, ending=ending)
+    spread[:count][~found.acting[:count]] *= NOTHING
+    return replace(found, spread=spread)
 
 
 def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProcess] | None = None) -> Rows:

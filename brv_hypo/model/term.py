@@ -40,6 +40,11 @@ class TimeBasis:
             return np.asarray(np.clip(time, self.start, self.stop) - self.start, dtype=float)
         return ((time >= self.start) & (time < self.stop)).astype(float)
 
+    @property
+    def final(self) -> float:
+        """The basis after its last change."""
+        return self.stop - self.start if self.kind == "ramp" else float(not np.isfinite(self.stop))
+
     def units(self, coefficient_units: str) -> str:
         """Units of the value that multiplies this basis."""
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units

@@ -20,7 +20,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.judgement import NORMAL_95
-from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
+from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
@@ -99,7 +99,7 @@ class Beside:
             frame = self.rows.frame_of(pair[0])
             offered = in_one_region(problem, pair, self.null, frame) if one else [pair]
             pair = plainest(problem, offered, self.null) if one else moved(problem, pair)
-        return pair[1].level - self.null.level, pair[0].selected
+        return pair[1].level - price(pair[0]) - self.null.level, pair[0].selected
 
     def gain_of(self, fit: HypothesisFit) -> float:
         """The log evidence that an effect gains as it was fitted."""

@@ -24,7 +24,7 @@ class Sticking(Mechanism):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"eps": (0.0, 1.0)}
 
     form: Literal["printed", "complete"] = "printed"
-    delays: tuple[float, ...] = (0.02, 0.04, 0.08, 0.125, 0.2, 0.3)
+    delays: tuple[float, ...] = (0.02, 0.04, 0.08, 0.125, 0.2, 0.3, 0.5)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The delay tau, s."""

@@ -8,13 +8,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.comparison.preparation import linearised_about, shared_problem
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference import Rows, rows_of
-from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference import Rows, maximised, rows_of
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.rows import SETTLING
 from brv_hypo.mechanisms import Mechanism, MomentProcess, Term, registry, use_plugin_files
 from brv_hypo.mechanisms.registry import moment_processes, record_processes, requested
@@ -208,7 +209,7 @@ def test_stretches_of_time_are_of_one_flight() -> None:
 
 def test_terms_are_scaled_and_what_knots_move_is_not() -> None:
     judged = judged_cone("bodyfixed")
-    fit, rows = judged.fits[judged.leader], judged.rows
+    fit, rows = replace(judged.fits[judged.leader], ends=False), judged.rows
     terms = rows.terms(fit)
     assert terms.x.shape == (rows.y.size, len(fit.selected) + len(fit.nonlinear))
     assert terms.scaled.tolist() == [True] * len(fit.selected) + [False] * len(fit.nonlinear)
@@ -220,6 +221,32 @@ def test_terms_are_scaled_and_what_knots_move_is_not() -> None:
     assert any(knots)
     expected = float(time.max() - time.min()) / np.sqrt(12.0)
     assert terms.spread[~terms.scaled][knots] == pytest.approx(np.full(sum(knots), expected))
+
+
+def test_a_mechanism_that_ends_is_one_that_acts_between_two_times() -> None:
+    judged = judged_cone("bodyfixed")
+    fit, rows = judged.fits[judged.leader], judged.rows
+    first = fit.selected[0].time_basis.start
+    last = 0.5 * (first + float(rows.frame.coefficient_time.max()))
+    components = {column.term: column for column in fit.selected}.values()
+
+    def acting(*bases: TimeBasis, ends: bool = False) -> HypothesisFit:
+        columns = tuple(column.at(column.theta, basis) for basis in bases for column in components)
+        return replace(fit, columns=(*fit.columns[: fit.baseline_size], *columns), nonlinear=(), ends=ends)
+
+    ended, between = (
+        rows.terms(acting(TimeBasis("jump", first), TimeBasis("jump", last), ends=True)),
+        rows.terms(acting(TimeBasis("jump", first, last))),
+    )
+    assert ended.acting.tolist() == [True] * len(components) + [False] * len(components)
+    between = replace(between, spread=ended.spread[ended.acting])  # that of a moment that acts to the end
+    found, expected = maximised(rows, ended), maximised(rows, between)
+    assert found.level == pytest.approx(expected.level, abs=1e-3)
+    assert found.share_of_terms == pytest.approx(expected.share_of_terms, rel=1e-5)
+    changes, values = found.values[fit.baseline_size :], expected.values[fit.baseline_size :]
+    assert changes == pytest.approx([*values, *-values], rel=1e-4)
+    errors, sigmas = (np.sqrt(np.diag(each.covariance))[fit.baseline_size :] for each in (found, expected))
+    assert errors == pytest.approx([*sigmas, *sigmas], rel=1e-4)
 
 
 def test_the_baseline_has_no_terms() -> None:
@@ -318,3 +345,31 @@ def test_errors_within_tolerances_are_those_of_the_normal_equations() -> None:
     priors = np.concatenate([spread**-2.0, np.ones(together.shape[1] - spread.size)])
     variances = own.noise**2 * np.diag(np.linalg.inv(together.T @ together + np.diag(priors)))
     assert own.error_sigmas[list(block.items)] == pytest.approx(np.sqrt(variances[-len(block.items) :]), rel=1e-3)
+
+
+def test_errors_of_an_estimate_that_knows_no_processes_are_those_of_the_normal_equations() -> None:
+    """Least squares of baseline, mechanism, record and vehicle at once, moved by every process of its size."""
+    judged = judged_cone("bodyfixed")
+    rows = judged.rows
+    own = maximised(rows, rows.terms(replace(judged.fits[judged.leader], ends=False)))
+    (block,), nuisances = rows.blocks, rows.problem.rows.nuisances
+    top, rank, terms = rows.y.size, rows.coefficients.shape[1], own.terms.known
+    design = rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]
+    errors = np.where(rows.counted[:, np.newaxis], design, 0.0)
+    errors -= taken_out(rows) @ (taken_out(rows).T @ errors)
+    values, vectors = np.linalg.eigh(np.eye(top) + errors @ errors.T)
+    scale = np.repeat(np.exp(own.at[1 : 1 + len(rows.groups)]), [c.stop - c.start for c in block.columns])
+    white = np.column_stack([rows.shared, own.terms.x, block.z * scale])
+    measured = vectors @ (np.sqrt(values)[:, np.newaxis] * (vectors.T @ white))
+    fixed, made = measured[:, : -scale.size], measured[:, -scale.size :]
+    together = np.column_stack([fixed, errors])
+    priors = np.concatenate([rows.spread**-2.0, np.zeros(terms), np.ones(errors.shape[1])])
+    moved = np.linalg.solve(together.T @ together + np.diag(priors), together.T @ made)
+    added, variances = own.errors_of_processes
+    chosen = [*range(rank), *range(rows.spread.size, rows.spread.size + terms)]
+    makes = block_diag(rows.coefficients, np.eye(terms)) @ moved[chosen]
+    expected = own.noise**2 * makes @ makes.T
+    scales = np.sqrt(np.diag(expected))
+    assert added / np.outer(scales, scales) == pytest.approx(expected / np.outer(scales, scales), abs=1e-4)
+    sizes = own.noise * np.linalg.norm(moved[-errors.shape[1] :], axis=1)
+    assert np.sqrt(variances[list(block.items)]) == pytest.approx(sizes, rel=1e-3, abs=1e-6)

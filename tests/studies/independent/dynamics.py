@@ -234,14 +234,20 @@ class Body:
         here = alpha * cmath.exp(1j * meridian)
         here_rate = (alpha_rate + 1j * alpha * meridian_rate) * cmath.exp(1j * meridian)
 
+        mach, imperfect = speed / sound_speed(temperature), self.imperfections
+
+        def static(angle: float) -> float:
+            """The whole of it: what lags or sticks is the moment that the vehicle has."""
+            own = slope * angle * self.craft.bent(self.craft.static_bend, angle)
+            return own if imperfect is None else own + imperfect.static(angle, mach)
+
         def past(delay: float) -> tuple[float, float]:
             flow = self._crossflow(time - delay, time, here, here_rate)
             return abs(flow), cmath.phase(flow)
 
         return Running(
             time, alpha, meridian, alpha_rate, meridian_rate,
-            speed / sound_speed(temperature), p * reduced, reduced,
-            lambda angle: slope * angle * self.craft.bent(self.craft.static_bend, angle), past,
+            mach, p * reduced, reduced, static, past,
             complex(q, r) * cmath.exp(1j * meridian),
             math.log10(density * speed * self.craft.vehicle.reference_length / viscosity(temperature)),
         )  # fmt: skip

@@ -175,16 +175,19 @@ class Imperfections:
 
     # ---- The moment ----
 
+    def static(self, angle: float, mach: float) -> float:
+        """In the plane of alpha, of alpha and Mach number."""
+        return _hat(self.static_mach, mach) * angle + self.alpha_squared * angle**2
+
     def moment(self, now: Running) -> complex:
         """C_N' + i C_Z' of all that no mechanism of the list is."""
         here = complex(now.alpha)
         ablated = 0.5 * (1.0 + math.tanh((now.time - self.tip[2]) / (0.02 * self.duration)))
-        found = (self.tip[0] * ablated + _hat(self.static_mach, now.mach)) * here
+        found = self.tip[0] * ablated * here + self.static(now.alpha, now.mach)
         found += self.tip[1] * ablated * cmath.exp(1j * (now.meridian - self.tip_angle))
         two, three, angle = self.lobes
         found += two * here * cmath.exp(1j * (2.0 * now.meridian + angle))
         found += three * here * cmath.exp(1j * (3.0 * now.meridian + angle))
-        found += self.alpha_squared * now.alpha**2
         size, zero = self.damping_alpha
         damping = _hat(self.damping_mach, now.mach) + size * (1.0 - (now.alpha / zero) ** 2)
         found += damping * now.turning * now.reduced
