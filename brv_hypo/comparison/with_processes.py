@@ -93,12 +93,12 @@ def level(pair: Pair) -> float:
 
 
 def price(fit: HypothesisFit) -> float:
-    """What the form of a hypothesis costs beforehand, nats: onsets that take time, changes beside those of one region,
-    and that something remains of a mechanism after its last change.
+    """What the form of a hypothesis costs beforehand, nats: onsets that take time, further regions, or changes beside
+    the two of one, and that something remains of a mechanism after its last change.
     """
-    further = float(_may_end(fit) and not fit.ends)
-    for mechanism in {column.mechanism for column in fit.selected}:
-        changes = {c.time_basis for c in fit.selected if c.mechanism == mechanism and c.time_basis.kind != "constant"}
+    further = float(len(fit.regions) - 1 if fit.ends else _may_end(fit))
+    for mechanism in {column.mechanism for column in fit.selected} if not fit.ends else ():
+        changes = {column.time_basis for column in fit.selected if column.mechanism == mechanism}
         further += 0.5 * max(len(changes) - 2, 0)
     return ONSET_TAKES_TIME * len(_onsets(fit)) + FURTHER_REGION * further
 

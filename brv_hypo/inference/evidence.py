@@ -117,9 +117,8 @@ class Evidence(_Integrated):
 
     @property
     def has_large_processes(self) -> bool:
-        """Whether the amplitude of any process is beyond what its prior has within one standard deviation."""
-        usual = [sum(group.prior) for group in self.rows.groups]
-        return bool(np.any(self.at[1 : 1 + len(usual)] > usual))
+        """Whether the amplitude of any process is above its ordinary one."""
+        return bool(np.any(self.at[1 : 1 + len(self.rows.groups)] > [group.prior[0] for group in self.rows.groups]))
 
     @property
     def beside_small(self) -> Evidence:
