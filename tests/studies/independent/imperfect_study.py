@@ -6,14 +6,15 @@ Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all
 size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
 has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
 Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
-value of the mechanism, its delay and the knot nearest to one of its edges, against what was planted.
+value of the mechanism, its delay and the knot nearest to one of its edges, against what was planted. `--likelihood`
+counts those of maximum likelihood too, of a mechanism that begins at once.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import process_time
 
 import numpy as np
@@ -22,11 +23,12 @@ from scipy.stats import beta
 
 from brv_hypo import compare
 from brv_hypo.comparison import CompareConfig, Comparison
+from brv_hypo.comparison.result import DerivedEstimate, MaximumLikelihood
 from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
-from tests.studies.independent.mechanisms import LISTED
+from tests.studies.independent.mechanisms import LISTED, Planted
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.study import share_of
 from tests.studies.independent.vehicles import CRAFTS
@@ -59,6 +61,10 @@ class Outcome:
     """That the program allows the planted mechanism, as a share of the moment; NaN where it is withheld."""
     misses: dict[str, float]
     """Of a right name: estimate less truth, over its standard error."""
+    of_likelihood: dict[str, float] = field(default_factory=dict)
+    """The same by maximum likelihood, where it was asked for and converged."""
+    likelihood: str = ""
+    """How that ended; empty where it was not asked for."""
 
 
 def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) -> tuple[Made, str, float]:
@@ -81,16 +87,18 @@ def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) 
     return made, kind, amplitude
 
 
-def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
+def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
         made, kind, amplitude = drawn_flight(seed, number, grade, world)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     begun = process_time()
-    comparison = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
-    verdict = comparison.verdict
+    asked = CompareConfig(mechanisms=LISTED, maximum_likelihood="quick" if likelihood else "none")
+    comparison = compare([made.flight], asked)
+    verdict, fitted = comparison.verdict, comparison.ranking[0].ml
     seconds = process_time() - begun
+    right = verdict.winner == made.truth != "none"
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
     return Outcome(
         seed=seed,
@@ -104,7 +112,9 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
         chance=verdict.probability.get(leads, 0.0),
         amplitude=amplitude,
         seconds=seconds,
-        misses=misses(made, comparison) if verdict.winner == made.truth != "none" else {},
+        misses=misses(made, comparison) if right else {},
+        of_likelihood=likelihood_misses(made, fitted) if right and fitted and not fitted.trouble else {},
+        likelihood=fitted.status if right and fitted else "",
         limit=next((x.share_of_moment_95 for x in verdict.limits if x.mechanism == made.truth), float("nan")),
     )
 
@@ -114,8 +124,35 @@ def misses(made: Made, found: Comparison) -> dict[str, float]:
     nearest to when the mechanism begins or ends.
     """
     planted, fitted = made.true.planted, found.ranking[0]
+    true, middle = _values(planted), 0.5 * (planted.start + planted.stop)
+    out = {
+        each.name: (each.value - true[each.name]) / each.std_error
+        for interval in fitted.intervals
+        if interval.start_s <= middle < interval.stop_s
+        for each in interval.values
+        if each.name in true
+    }
+    return out | _times(planted, fitted.derived, " knot")
+
+
+def likelihood_misses(made: Made, found: MaximumLikelihood) -> dict[str, float]:
+    """The same of maximum likelihood; values where they jump once before the middle of the region."""
+    planted = made.true.planted
+    true, middle = _values(planted), 0.5 * (planted.start + planted.stop)
+    before = [each for each in found.terms if each.region_s is None or each.region_s[0] < middle]
+    names = [each.name.removeprefix("jump in ") for each in before]
+    out = {
+        name: (each.value - true[name]) / each.std_error
+        for name, each in zip(names, before, strict=True)
+        if name in true and names.count(name) == 1
+    }
+    return out | _times(planted, found.derived, " start")
+
+
+def _values(planted: Planted) -> dict[str, float]:
+    """Of each coefficient by its name."""
     angle = planted.values.get("angle", 0.0)
-    true = {
+    return {
         "C_damping": planted.amplitude,
         "C_m0": planted.amplitude * planted.values.get("offset", np.nan),
         "C_malpha": planted.amplitude * planted.values.get("slope", np.nan),
@@ -124,19 +161,14 @@ def misses(made: Made, found: Comparison) -> dict[str, float]:
         "lag fraction": 1.0,
         "eps": planted.amplitude,
     }
-    middle = 0.5 * (planted.start + planted.stop)
-    out = {
-        each.name: (each.value - true[each.name]) / each.std_error
-        for interval in fitted.intervals
-        if interval.start_s <= middle < interval.stop_s
-        for each in interval.values
-        if each.name in true
-    }
-    delays = [each for each in fitted.derived if each.name.endswith(" delay")]
-    onsets = [each for each in fitted.derived if each.name.endswith(" knot")]
-    out |= {each.name: (each.value - planted.delay) / each.std_error for each in delays[:1]}
-    edges = (planted.start, planted.stop)
-    found = [(each, edge) for each in onsets for edge in edges]
+
+
+def _times(planted: Planted, derived: Sequence[DerivedEstimate], knot: str) -> dict[str, float]:
+    """Of the first delay, and of the knot that is nearest to an edge of what was planted."""
+    delays = [each for each in derived if each.name.endswith(" delay")]
+    out = {each.name: (each.value - planted.delay) / each.std_error for each in delays[:1]}
+    knots = [each for each in derived if each.name.split(" (")[0].endswith(knot)]
+    found = [(each, edge) for each in knots for edge in (planted.start, planted.stop)]
     near = min(found, key=lambda each: abs(each[0].value - each[1]), default=None)
     return out | ({} if near is None else {"knot": (near[0].value - near[1]) / near[0].std_error})
 
@@ -167,10 +199,15 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count(
         "planted, limits stated: cover the true share", [o.limit >= o.share for o in planted if o.limit == o.limit]
     )
-    stated = [(name, abs(miss)) for o in outcomes for name, miss in o.misses.items()]
-    yield count("right names, stated errors: within 1.96", [miss <= NORMAL_95 for _, miss in stated])
-    for name in sorted({name for name, _ in stated}):
-        yield count(f"  {name}", [miss <= NORMAL_95 for own, miss in stated if own == name])
+    for what in ("misses", "of_likelihood"):
+        stated = [(name, abs(miss)) for o in outcomes for name, miss in getattr(o, what).items()]
+        if stated or what == "misses":
+            title = "stated errors" if what == "misses" else "errors of maximum likelihood"
+            yield count(f"right names, {title}: within 1.96", [miss <= NORMAL_95 for _, miss in stated])
+        for name in sorted({name for name, _ in stated}):
+            yield count(f"  {name}", [miss <= NORMAL_95 for own, miss in stated if own == name])
+    if ended := [o.likelihood for o in outcomes if o.likelihood]:
+        yield count("right names, maximum likelihood: converged", [each == "converged" for each in ended])
     yield f"calibration error {calibration_error(outcomes):.3f}"
     seconds = [o.seconds for o in outcomes]
     yield f"CPU seconds: median {np.median(seconds):.1f}, most {max(seconds):.1f}"
@@ -200,22 +237,24 @@ def count(what: str, hits: Sequence[bool]) -> str:
 
 
 def command_line(
-    description: str, flights: int, world: str, arguments: Sequence[str] | None = None
+    description: str, flights: int, world: str, arguments: Sequence[str] | None = None, switches: Sequence[str] = ()
 ) -> argparse.Namespace:
-    """What a study of drawn flights is asked for: seed, so many flights unless said, grade, world and jobs."""
+    """What a study of drawn flights is asked for: seed, so many flights unless said, grade, world, jobs, switches."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=flights)
     parser.add_argument("--grade", default="tactical", choices=GRADES)
     parser.add_argument("--world", default=world, choices=("one", "all", "tolerances"))
     parser.add_argument("--jobs", type=int, default=1)
+    for name in switches:
+        parser.add_argument(f"--{name}", action="store_true")
     return parser.parse_args(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments)
-    runs = (delayed(fly)(given.seed + k, k, given.grade, given.world) for k in range(given.flights))
+    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments, ("likelihood",))
+    runs = (delayed(fly)(given.seed + k, k, given.grade, given.world, given.likelihood) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
 
