@@ -50,7 +50,7 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
     places = dict.fromkeys(k for k in (judged.null, judged.leader, best) if k is not None)
     histories = {judged.fits[k].name: _as_judged(judged, k) for k in places}
-    alone = None if best is None else judged.fits[best].name
+    alone, known = None if best is None else judged.fits[best].name, fit.estimated
     return {
         "ranking": tuple(
             row.model_copy(
@@ -60,7 +60,7 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
             for row in comparison.ranking
         ),
         "record_errors": record_errors(own, judged.weight),
-        **collinear(fit.columns, fit.covariance),
+        **collinear([fit.columns[k] for k in known], fit.covariance[np.ix_(known, known)]),
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },

@@ -255,7 +255,7 @@ def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
 
 def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
     """The log evidence over the baseline's as it counts: every mechanism that acts, and its form, has its price."""
-    return weight * gain - len(acting_in(fit)) * MECHANISM_ACTS - price(fit)
+    return weight * (gain - price(fit)) - len(acting_in(fit)) * MECHANISM_ACTS
 
 
 def acting_in(fit: HypothesisFit) -> set[str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -484,7 +484,7 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
             pair = moved(problem, fitted(problem, fit, there, own))
             continue
         of_bases = [[k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis] for basis in bases]
-        parts = fit.regions if fit.ends else of_bases
+        parts = [list(chain(*region)) for region in fit.regions] if fit.ends else of_bases
         if len(parts) < 2:
             return pair
         levels = [_level_without(fit, own, part) for part in parts]

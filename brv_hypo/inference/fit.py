@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -125,23 +124,28 @@ class HypothesisFit:
         return self.columns[self.baseline_size :]
 
     @property
-    def regions(self) -> tuple[tuple[int, ...], ...]:
-        """Places among the selected columns of each region of a mechanism that ends: changes of one coefficient are, as
-        they were added, where it begins to act and where it ends, in turn; the last region may reach the record's end.
+    def regions(self) -> tuple[tuple[tuple[int, ...], ...], ...]:
+        """Of each region of a mechanism that ends, the places among the selected columns of where each coefficient
+        begins and of where it ends: changes of one are, as they were added, the one and the other in turn. The last
+        region may reach the record's end.
         """
-        counts, found = Counter[tuple[str, int | None]](), dict[int, list[int]]()
+        changes = dict[tuple[str, int | None], list[int]]()
         for place, column in enumerate(self.selected):
-            key = column.term, column.flight
-            found.setdefault(counts[key] // 2, []).append(place)
-            counts[key] += 1
-        return tuple(tuple(places) for places in found.values())
+            changes.setdefault((column.term, column.flight), []).append(place)
+        count = max((len(places) + 1) // 2 for places in changes.values())
+        pairs = ((tuple(places[2 * k : 2 * k + 2]) for places in changes.values()) for k in range(count))
+        return tuple(tuple(filter(None, each)) for each in pairs)
+
+    @property
+    def estimated(self) -> list[int]:
+        """Places of the columns that are estimated by themselves: not where regions of a mechanism end."""
+        begin = [pair[0] for region in self.regions for pair in region] if self.ends else range(len(self.selected))
+        return [*range(self.baseline_size), *(self.baseline_size + k for k in begin)]
 
     def acts(self, place: int, time: float) -> bool:
         """Whether anything is of a selected coefficient at a time, s."""
-        column, starts = self.selected[place], []
-        if self.ends:
-            (region,) = (each for each in self.regions if place in each)
-            starts = [self.selected[k].time_basis.start for k in region if self.selected[k].term == column.term]
+        pairs = (pair for region in self.regions for pair in region if place in pair) if self.ends else ()
+        starts = [self.selected[k].time_basis.start for pair in pairs for k in pair]
         return len(starts) < 2 or starts[0] <= time < starts[1]
 
     @property

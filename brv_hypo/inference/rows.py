@@ -352,11 +352,9 @@ class Rows:
 def _ending(terms: Terms, fit: HypothesisFit) -> Terms:
     """Those of a mechanism of which nothing remains after each of its regions."""
     selected, ending = fit.selected, np.eye(len(fit.selected))
-    for region in fit.regions:
-        for term, flight in {(selected[k].term, selected[k].flight) for k in region}:
-            first, *last = (k for k in region if (selected[k].term, selected[k].flight) == (term, flight))
-            for k in last:
-                ending[k, first] = -selected[first].time_basis.final / selected[k].time_basis.final
+    for begin, *end in (pair for region in fit.regions for pair in region):
+        for k in end:
+            ending[k, begin] = -selected[begin].time_basis.final / selected[k].time_basis.final
     x, spread, count = terms.x.copy(), terms.spread.copy(), len(selected)
     x[:, :count] = x[:, :count] @ ending
     found = replace(terms, x=x, ending=ending)

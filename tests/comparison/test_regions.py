@@ -34,9 +34,10 @@ TWO = (TimeBasis("jump", 1.0), TimeBasis("jump", 4.0), TimeBasis("ramp", 2.0, 2.
 
 
 def test_changes_are_where_a_region_begins_and_ends_in_turn() -> None:
-    assert acting(*TWO, ends=True).regions == ((0, 1, 2, 3), (4, 5, 6, 7))
+    assert acting(*TWO, ends=True).regions == (((0, 2), (1, 3)), ((4, 6), (5, 7)))
     last = acting(*TWO[:3], ends=True)
-    assert last.regions == ((0, 1, 2, 3), (4, 5))
+    assert last.regions == (((0, 2), (1, 3)), ((4,), (5,)))
+    assert last.estimated[last.baseline_size :] == [last.baseline_size + k for k in (0, 1, 4, 5)]
     assert [last.acts(0, time) for time in (0.5, 1.0, 3.9, 4.0)] == [False, True, True, False]
     assert last.acts(4, 5.0)  # to the end of the record
     assert acting(*TWO, ends=False).acts(0, 5.0)
