@@ -72,7 +72,7 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
     """The motion of each flight that the leader is linear about, its standard deviations with what the record shows.
 
     Those of the `first` reconstructions are by stated errors alone. A model that lacks something moves the motion as it
-    makes up for that: the rms of this counts as one more error, in every direction alike.
+    makes up for that: the rms of this counts as one more error, in every direction same_kind.
     """
     found = []
     for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
@@ -107,8 +107,8 @@ def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evi
         """Of a delay or knot, which the fit has as the middle and the width of an onset."""
         row, side = np.zeros(covariance.shape[0]), {"start": -0.5, "stop": 0.5, "theta": 0.0}[parameter.kind]
         for k, other in enumerate(fit.nonlinear, start=count):
-            alike = (other.kind == "theta") is (parameter.kind == "theta")
-            if alike and {j - fit.baseline_size for j in parameter.columns} & set(other.columns):
+            same_kind = (other.kind == "theta") is (parameter.kind == "theta")
+            if same_kind and {j - fit.baseline_size for j in parameter.columns} & set(other.columns):
                 row[k] = side if other.kind == "width" else 1.0
         return float(row @ covariance @ row)
 

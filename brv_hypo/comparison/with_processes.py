@@ -79,7 +79,7 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
-    return _ending_or_not(problem, moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs)))))
+    return _closed_or_not(problem, moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs)))))
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -320,7 +320,7 @@ def _may_end(fit: HypothesisFit) -> bool:
     return often and len(fit.mechanisms) == len({theta for _, theta in changes}) == 1
 
 
-def _ending_or_not(problem: Problem, pair: Pair) -> Pair:
+def _closed_or_not(problem: Problem, pair: Pair) -> Pair:
     """With a mechanism of which nothing remains after its last change, unless the evidence clearly wants that."""
     fit, own = pair
     if not _may_end(fit):

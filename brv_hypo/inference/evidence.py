@@ -156,7 +156,9 @@ class Evidence(_Integrated):
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
         columns = self.terms.x[:, :count]
-        made = columns @ (values if self.terms.ending is None else np.linalg.solve(self.terms.ending, values))
+        made = columns @ (
+            values if self.terms.coefficients is None else np.linalg.solve(self.terms.coefficients, values)
+        )
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
@@ -185,8 +187,8 @@ class Evidence(_Integrated):
         made = np.zeros((known + count, self.solution.border.size))
         made[:known, :rank] = self.rows.coefficients
         made[known:, first : first + count] = np.eye(count)
-        if (ending := self.terms.ending) is not None:
-            made[known : known + len(ending), first : first + len(ending)] = ending
+        if (closed := self.terms.coefficients) is not None:
+            made[known : known + len(closed), first : first + len(closed)] = closed
         return made
 
     @property

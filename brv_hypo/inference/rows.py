@@ -200,7 +200,7 @@ class Terms:
     """Log probability of these terms before the data."""
     apart: int = 0
     """How many columns are contrasts between the flights' own knots, knot by knot: nuisances of the hypothesis."""
-    ending: FloatArray | None = None
+    coefficients: FloatArray | None = None
     """What makes the coefficients of the terms of those of X (terms, terms), where X has what remains after a region in
     the place of its last change: nothing, of a mechanism that ends. None where X has the terms themselves.
     """
@@ -213,10 +213,12 @@ class Terms:
     @property
     def acting(self) -> BoolArray:
         """Which columns (k,) are terms that may be something."""
-        if self.ending is None:
+        if self.coefficients is None:
             return self.scaled
-        count = self.ending.shape[0]
-        return np.append(np.all(self.ending == np.eye(count), axis=1), np.zeros(self.spread.size - count, dtype=bool))
+        count = self.coefficients.shape[0]
+        return np.append(
+            np.all(self.coefficients == np.eye(count), axis=1), np.zeros(self.spread.size - count, dtype=bool)
+        )
 
     def only(self, places: list[int]) -> Terms:
         """Some of the columns that all flights share."""
@@ -316,7 +318,7 @@ class Rows:
         always = may_end and all(column.time_basis.kind == "constant" for column in fit.selected)
         scaled, prior = np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0
         whole = Terms(x, spread, scaled, prior, apart)
-        return _ending(whole, fit) if fit.ends else whole
+        return _closed(whole, fit) if fit.ends else whole
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
         """Of what parameters move (frame rows, parameters) that of knots of several flights as contrasts between these,
@@ -349,15 +351,15 @@ class Rows:
         return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
 
 
-def _ending(terms: Terms, fit: HypothesisFit) -> Terms:
+def _closed(terms: Terms, fit: HypothesisFit) -> Terms:
     """Those of a mechanism of which nothing remains after each of its regions."""
-    selected, ending = fit.selected, np.eye(len(fit.selected))
+    selected, made = fit.selected, np.eye(len(fit.selected))
     for begin, *end in (pair for region in fit.regions for pair in region):
         for k in end:
-            ending[k, begin] = -selected[begin].time_basis.final / selected[k].time_basis.final
+            made[k, begin] = -selected[begin].time_basis.final / selected[k].time_basis.final
     x, spread, count = terms.x.copy(), terms.spread.copy(), len(selected)
-    x[:, :count] = x[:, :count] @ ending
-    found = replace(terms, x=x, ending=ending)
+    x[:, :count] = x[:, :count] @ made
+    found = replace(terms, x=x, coefficients=made)
     spread[:count][~found.acting[:count]] *= NOTHING
     return replace(found, spread=spread)
 
