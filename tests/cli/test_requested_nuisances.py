@@ -130,9 +130,10 @@ def brv_hypo_mechanisms():
 
 @pytest.mark.thorough
 def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, tmp_path):
-    """Evidences hardly change where its tolerance is next to nothing; with a large one they do.
+    """Criteria hardly change where its tolerance is next to nothing; with a large one they do.
 
-    One unknown more moves the noise that the search is under, and with it by a nat where knots come to lie.
+    One unknown more moves the noise that the search is under, and with it where knots come to lie: of evidences beside
+    processes, in which a mechanism may act in several regions, by several nats.
     """
     path = tmp_path / "tilt.py"
     found = []
@@ -140,5 +141,5 @@ def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, 
         path.write_text(TILT.format(size=size))
         found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path, names="sticking")))
     own = information(compared(brv_hypo, tmp_path, drifted, names="sticking"))
-    negligible, large = (max(abs(level - own[name][1]) for name, (_, level) in each.items()) for each in found)
+    negligible, large = (max(abs(bic - own[name][0]) for name, (bic, _) in each.items()) for each in found)
     assert large > 5.0 * negligible
