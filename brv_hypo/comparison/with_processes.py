@@ -315,9 +315,9 @@ def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regr
 
 def _may_end(fit: HypothesisFit) -> bool:
     """Whether every coefficient of one mechanism changes again after it began."""
-    changes = [(column.term, column.theta) for column in fit.selected if math.isfinite(column.time_basis.final)]
+    changes = [(c.term, c.flight) for c in fit.selected if math.isfinite(c.time_basis.final)]
     often = len(changes) == len(fit.selected) and all(changes.count(each) > 1 for each in changes)
-    return often and len(fit.mechanisms) == len({theta for _, theta in changes}) == 1
+    return often and len(fit.mechanisms) == len({column.theta for column in fit.selected}) == 1
 
 
 def _closed_or_not(problem: Problem, pair: Pair) -> Pair:
