@@ -72,7 +72,7 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
     """The motion of each flight that the leader is linear about, its standard deviations with what the record shows.
 
     Those of the `first` reconstructions are by stated errors alone. A model that lacks something moves the motion as it
-    makes up for that: the rms of this counts as one more error, in every direction same_kind.
+    makes up for that: the rms of this counts as one more error, in every direction alike.
     """
     found = []
     for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
@@ -98,10 +98,10 @@ def _held_out(judged: Judged, place: int) -> dict[str, float]:
 
 def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evidence) -> Identification:
     """A likelihood, which knows no processes, with the errors that they make of its estimates."""
+    if found.problem is None:
+        return found
     covariance, variances = own.errors_of_processes
     count = len(fit.columns)
-    if found.problem is None or covariance.shape[0] != count + len(fit.nonlinear):
-        return found
 
     def variance(parameter: NonlinearParameter) -> float:
         """Of a delay or knot, which the fit has as the middle and the width of an onset."""

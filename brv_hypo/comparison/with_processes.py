@@ -9,6 +9,7 @@ what is not wanted), `widened` (onsets that take time); of the leader `moved` cl
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
@@ -96,10 +97,11 @@ def price(fit: HypothesisFit) -> float:
     """What the form of a hypothesis costs beforehand, nats: onsets that take time, further regions, or changes beside
     the two of one, and that something remains of a mechanism after its last change.
     """
-    further = float(len(fit.regions) - 1 if fit.ends else _may_end(fit))
-    for mechanism in {column.mechanism for column in fit.selected} if not fit.ends else ():
-        changes = {column.time_basis for column in fit.selected if column.mechanism == mechanism}
-        further += 0.5 * max(len(changes) - 2, 0)
+    if fit.ends:
+        further = float(len(fit.regions) - 1)
+    else:
+        changes = Counter(mechanism for mechanism, _ in {(c.mechanism, c.time_basis) for c in fit.selected})
+        further = _may_end(fit) + sum(0.5 * max(count - 2, 0) for count in changes.values())
     return ONSET_TAKES_TIME * len(_onsets(fit)) + FURTHER_REGION * further
 
 
