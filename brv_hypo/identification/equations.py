@@ -144,15 +144,15 @@ class Shapes:
 
 
 Values = Mapping[str, float]
-AtDelays = Mapping[str, Delayed]  # states and inputs at the delays that are parameters, by name
+AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
 
 
 def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
-    """The motion `delay` s earlier, of those at the delays that are parameters; UsageError for any other."""
+    """The motion `delay` s earlier, of those at the delays of the structure; UsageError for any other."""
     near = min(motions, key=lambda known: abs(known - delay), default=None)
     if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
         raise UsageError(
-            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are "
+            f"a mechanism requested the motion {delay:g} s earlier, but the delays that it had asked for are "
             f"{sorted(motions)}. The likelihood differentiates delays that are parameters with is_delay set: "
             "declare it as one"
         )

@@ -91,7 +91,7 @@ class Problem:
 
         block = min(self.block, block_size(frame, columns, values))
         rates = frame.columns(columns) @ values
-        delays = delays_of(self.structure.columns)  # of the regression: nodes stay placed for these
+        delays = delays_of(self.frame, self.structure.columns)  # of the regression: nodes stay placed for these
         records = node_records(frame, columns, values, rates, self.inputs, block, delays, fitted)
         old = self.model  # whose memory is of the old segments
         contexts = tuple(record.context for record in records)
@@ -135,7 +135,7 @@ class Problem:
             self.segments(),
             self.theta,
             bounds={parameter.name: parameter.bounds for parameter in self.structure.nonlinear_parameters}
-            | {name: (self.theta[name], self.theta[name]) for name in fixed},
+            | {name: (self.theta[name], self.theta[name]) for name in (*fixed, *self.structure.fixed_delays)},
             priors=self.priors,
             delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, IDENTIFIED_KNOT_REACH * self.seconds_to_node),
@@ -160,7 +160,8 @@ def build_problem(
     size = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     rates = frame.columns(columns) @ values if regressed is None else regressed.rates
-    records = node_records(frame, columns, values, rates, inputs, size, delays_of(columns))
+    delays = delays_of(frame, columns)
+    records = node_records(frame, columns, values, rates, inputs, size, delays)
     if not records:
         raise UnanswerableError(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
@@ -168,7 +169,7 @@ def build_problem(
         )
     time = frame.coefficient_time
     span = (float(time.min()), float(time.max()))
-    structure = structure_of(columns, frame.mechanisms, *span)
+    structure = structure_of(columns, frame.mechanisms, *span, delays)
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
@@ -176,6 +177,7 @@ def build_problem(
     )
     theta = dict(zip(structure.names, map(float, values), strict=True))
     theta |= {parameter.name: parameter.value for parameter in structure.nonlinear_parameters}
+    theta |= structure.fixed_delays
     forces = _force_start(frame, span)
     theta |= forces
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))

@@ -22,9 +22,10 @@ from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
 from brv_hypo.likelihood import Segment
 from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.moment_model import delays_requested
 from brv_hypo.linearisation.weakform import WeakSegment
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.motion import Motion, crossflow
@@ -43,7 +44,7 @@ def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArra
     stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
     """
     moments = frame.moments(columns) @ values
-    meridians = [Meridian(derolled_crossflow(frame, part), delays_of(columns)) for part in frame.segments]
+    meridians = [Meridian(derolled_crossflow(frame, part), delays_of(frame, columns)) for part in frame.segments]
     longest = max(segment.time.size for segment in frame.segments)
     size = 1
     for trial in range(3, min(IDENTIFIED_LARGEST_BLOCK, longest // IDENTIFIED_FEWEST_NODES) + 1, 2):
@@ -62,9 +63,9 @@ def knots_of(columns: Sequence[Regressor], own: OwnTime | None) -> list[float]:
     return sorted(edges if own is None else {own.own_at(edge) for edge in edges})
 
 
-def delays_of(columns: Sequence[Regressor]) -> tuple[float, ...]:
-    """The delays (s) in a model."""
-    return tuple(sorted({delay for column in columns for delay in column.delays if delay}))
+def delays_of(frame: RateFrame, columns: Sequence[Regressor]) -> tuple[float, ...]:
+    """The delays (s) at which the mechanisms of a model look back, whether these are parameters or not."""
+    return delays_requested(frame.motions[0], lambda motion: evaluated(columns, frame.mechanisms, motion))
 
 
 @dataclass(frozen=True)

@@ -81,17 +81,20 @@ class NonlinearParameter:
 class Structure:
     """The columns of a regression model with names for all that is to be estimated.
 
-    `names` are those of the coefficients, in the order of `columns`.
+    `names` are those of the coefficients, in the order of `columns`; `fixed_delays` (s) those at which mechanisms look
+    back without a parameter.
     """
 
     columns: tuple[Regressor, ...]
     names: tuple[str, ...]
     nonlinear_parameters: tuple[NonlinearParameter, ...]
+    fixed_delays: Mapping[str, float]
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
-        """Names of the parameters that are delays."""
-        return tuple(parameter.name for parameter in self.nonlinear_parameters if parameter.is_delay)
+        """Names of all delays."""
+        free = (parameter.name for parameter in self.nonlinear_parameters if parameter.is_delay)
+        return (*free, *self.fixed_delays)
 
     @cached_property
     def knots(self) -> tuple[str, ...]:
@@ -113,14 +116,20 @@ class Structure:
 
 
 def structure_of(
-    columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], start: float, stop: float
+    columns: Sequence[Regressor],
+    mechanisms: Mapping[str, Mechanism],
+    start: float,
+    stop: float,
+    delays: Sequence[float] = (),
 ) -> Structure:
     """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside.
 
-    Columns that share a theta or a knot of one mechanism move together.
+    Columns that share a theta or a knot of one mechanism move together. `delays`: all at which mechanisms look back, s.
     """
-    names = unique([_name(column) for column in columns])
-    return Structure(tuple(columns), names, _nonlinear_parameters(columns, mechanisms, start, stop))
+    names, nonlinear = unique([_name(c) for c in columns]), _nonlinear_parameters(columns, mechanisms, start, stop)
+    free = [parameter.value for parameter in nonlinear if parameter.is_delay]
+    fixed = {f"delay {delay:.6g} s": delay for delay in delays if not np.any(np.isclose(delay, free, rtol=1e-9))}
+    return Structure(tuple(columns), names, nonlinear, fixed)
 
 
 def _name(column: Regressor) -> str:

@@ -114,7 +114,8 @@ class Change(NamedTuple):
 def value(motion: Motion, alpha: FloatArray) -> Change:
     """The moment at rest about angles of attack (samples,) rad."""
     still = np.zeros_like(alpha)
-    return Change(None, replace(motion, alpha=alpha, alpha_rate=still, q=still, r=still, history=None), 1.0, True)
+    at_rest = replace(motion, alpha=alpha, alpha_rate=still, q=still, r=still, history=lambda _: at_rest)
+    return Change(None, at_rest, 1.0, True)
 
 
 def slope(motion: Motion, alpha: FloatArray) -> Change:

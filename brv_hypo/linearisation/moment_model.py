@@ -7,7 +7,7 @@ evaluated anew for each.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -82,9 +82,7 @@ class MomentModel:
     @cached_property
     def _slopes(self) -> dict[float, dict[str, ComplexArray]]:
         """Slopes (m,) by what the motion is, and was so many seconds before: of the quantities that count."""
-        delays: set[float] = {0.0}
-        self._moments(replace(self.motion, history=_Past(self.motion, delays)))
-        return {ago: self._slopes_by(ago) for ago in sorted(delays)}
+        return {ago: self._slopes_by(ago) for ago in (0.0, *delays_requested(self.motion, self._moments))}
 
     def _slopes_by(self, ago: float) -> dict[str, ComplexArray]:
         """Slopes (m,) by each quantity so many seconds before."""
@@ -163,6 +161,13 @@ class MomentModel:
         """Each column's coefficient at the nodes (m,)."""
         time = self.motion.coefficient_time
         return [value * column.time_basis(time) for column, value in zip(self.columns, self.values, strict=True)]
+
+
+def delays_requested(motion: Motion, read: Callable[[Motion], object]) -> tuple[float, ...]:
+    """How many seconds ago the past of a motion is that `read` asks for, in order."""
+    delays = set[float]()
+    read(replace(motion, history=_Past(motion, delays)))
+    return tuple(sorted(delays - {0.0}))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from brv_hypo.comparison.result import beyond_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
-from brv_hypo.mechanisms.registry import compared
+from brv_hypo.mechanisms.registry import compared, plugin_files
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
@@ -237,17 +237,18 @@ def next_step(result: Trace) -> str:
     kinds = {each.effect: each.kind for step in result.steps for each in step.candidates}
     named, usual = [name for name in result.hints if kinds.get(name) == "mechanism"], compared([])
     rivals = [*usual, *(name for name in named if name not in usual)] if set(named) - set(usual) else []
-    options, written = "", ""
+    plugins = "".join(f" --plugin {file}" for file in plugin_files())
+    options, written = plugins, ""
     described = any(kinds.get(name) == "discovered" for name in result.hints)
     if described:
         written = ", with what --write-mechanism FILE.yaml writes here,"
-        options = " --plugin FILE.yaml"
+        options = f"{plugins} --plugin FILE.yaml"
     if rivals:
         options = f" --mechanisms {','.join(rivals)}" + options
     weighed = f"`brv-hypo compare FLIGHT.h5{options}`{written} weighs it against its rivals; "
     first = weighed if named or described else ""
     return (
-        f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml`, with what --write-model MODEL.yaml "
+        f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml{plugins}`, with what --write-model MODEL.yaml "
         "writes here, tells whether it holds on another flight."
     )
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from brv_hypo.comparison import CompareConfig, compare
-from brv_hypo.simulation import simulate
+from brv_hypo.mechanisms import use_plugin_files
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_text
+from brv_hypo.simulation import load_config, simulate
 from tests.flights import flown
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
@@ -74,3 +78,34 @@ def test_a_joined_hypothesis_of_which_a_part_does_not_act_is_no_rival() -> None:
     assert joined.log_evidence == first.log_evidence
     assert found.verdict.equivalent == ("bodyfixed",)
     assert set(found.verdict.probability) == {"none", "bodyfixed", "other"}
+
+
+LATE = MechanismFile(
+    name="late_side",
+    title="side moment that is late",
+    claims="a side moment late by 0.05 s",
+    source="this test",
+    terms=(
+        YamlTerm(name="k", axis="out_of_plane", factors=(Factor(of="alpha", power=2),), units="1/rad^2", delay=0.05),
+    ),
+)
+
+
+@pytest.mark.thorough
+def test_a_mechanism_that_looks_back_by_a_fixed_time_is_named(tmp_path: Path) -> None:
+    """Its delay is no parameter: the likelihood takes the motion that long ago, and so does the static moment."""
+    path = tmp_path / "late.yaml"
+    path.write_text(mechanism_text(LATE), encoding="utf-8")
+    use_plugin_files([path])
+    try:
+        acting = {"mechanism": "late_side", "terms": {"k": 0.08}, "start": 2.0, "stop": 7.0}
+        flight = simulate(load_config({"base": "blunt_capsule", "mechanisms": [acting]}), seed=4712).flight
+        found = compare(flight, mechanisms=["lag", "late_side"], maximum_likelihood="full")
+    finally:
+        use_plugin_files(())
+    leader = found.ranking[0]
+    assert (found.verdict.winner, found.warnings) == ("late_side", ())
+    assert leader.ml is not None
+    assert leader.ml.status == "converged"
+    for term in (leader.terms[0], leader.ml.terms[-1]):  # what begins, and the jump that ends it
+        assert abs(abs(term.value) - 0.08) < 3.0 * term.std_error < 0.01
