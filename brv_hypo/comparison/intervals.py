@@ -104,7 +104,11 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
         column = fit.selected[members[0]]
         where = {"channel": channel_of(column, fit.frame), "region_s": region, "delay_s": column.delay}
         found.append(estimate(term, mechanism, value, sigma, _units(column), **where))
-    collinear = collinear_groups([each.name for each in found], covariance)
+    used = {place for members in groups.values() for place in members}
+    delays = [k for k, each in enumerate(fit.nonlinear) if each.kind == "theta" and used & set(each.columns)]
+    together = fit.covariance_of(np.concatenate([rows, np.eye(rows.shape[1])[[first + count + k for k in delays]]]))
+    names = [*(each.name for each in found), *(fit.nonlinear[k].name for k in delays)]
+    collinear = collinear_groups(names, together)
     derived = _derived(fit, list(groups), values, covariance)
     for name, d in derived:
         found.append(estimate(d.name, name, d.value, d.std_error, d.units, channel="both", region_s=region))

@@ -58,7 +58,7 @@ from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, SPECIFIC
+from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 # Fall of the criterion by which the leader beside processes has to be likelier than the search had it, from which on
@@ -68,7 +68,6 @@ SEARCH_MISSED = 20.0
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
-NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
 

@@ -80,11 +80,14 @@ def limits(
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     whole_record = np.ptp(frame.coefficient_time)
     known: dict[str, float] = {}
+    fitted: dict[str, float] = {}
     in_part: dict[str, float] = {}
     sizes: dict[str, dict[str, float]] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            known[mechanism.name] = min(_fitted(leader, frame, evidence.covariance / weight, scale) / moment, 1.0)
+            size, error, most = _fitted(leader, frame, evidence.covariance / weight, scale)
+            known[mechanism.name] = min(most / moment, 1.0)
+            fitted = {"share_of_moment": size / moment, "share_std_error": error / moment}
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
             rooms = _rooms(shapes, weight)
@@ -100,6 +103,7 @@ def limits(
             share_of_moment_95=share,
             share_in_part_95=max(in_part.get(each.name, float("nan")) for each in hypotheses[name]),
             coefficient_95=share * moment,
+            **(fitted if name == leader.name else {}),
             coefficients_95={k: v for each in hypotheses[name] for k, v in sizes.get(each.name, {}).items()},
         )
         if share <= LIMIT_LARGEST
@@ -108,8 +112,8 @@ def limits(
     )
 
 
-def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float) -> float:
-    """The rms moment that what was fitted has at most.
+def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float) -> tuple[float, float, float]:
+    """The rms moment that what was fitted has, its standard error, and what it has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
     lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
@@ -128,7 +132,9 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))
-    return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
+    sizes *= 1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)
+    own = float(np.sqrt(np.mean(np.abs(made @ at_mode) ** 2)))
+    return own, float(np.std(sizes)), float(np.quantile(sizes, LIMIT_QUANTILE))
 
 
 def scale_variance(problem: Problem) -> float:

@@ -14,7 +14,7 @@ from brv_hypo.io.text import hypothesis, known_to, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
-from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL
+from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL, NORMAL_95
 
 DAMPING = "C_damping"  # negative: it takes energy out of the motion
 BEYOND_NAMED = 3  # of what is beyond its tolerance
@@ -232,11 +232,9 @@ class ProcessEstimate(NullIsNaN):
 
     @property
     def is_far(self) -> bool:
-        """Whether it is an error of instruments or air far beyond an ordinary size."""
-        ordinary = FAR_PROCESS * self.tolerance
-        return (
-            not self.is_of_moment and self.size > max(self.std_error, ordinary) and self.share_of_moment > LEAST_PROCESS
-        )
+        """Whether it is significant and far beyond an ordinary size."""
+        least = max(NORMAL_95 * self.std_error, FAR_PROCESS * self.tolerance)
+        return self.size > least and self.share_of_moment > LEAST_PROCESS
 
 
 class MechanismLimit(NullIsNaN):
@@ -245,7 +243,8 @@ class MechanismLimit(NullIsNaN):
 
     NaN where nothing is adequate, or the record says nothing of the mechanism's size. `coefficients_95`: by term the
     largest size of its coefficient if the mechanism acts for a quarter of the record or longer beside the leader, not
-    always; empty of the leader, and of mechanisms with a delay.
+    always; empty of the leader, and of mechanisms with a delay. `share_of_moment`: that of the leader as estimated,
+    with its standard error; NaN of others.
     """
 
     mechanism: str
@@ -253,6 +252,8 @@ class MechanismLimit(NullIsNaN):
     share_in_part_95: float = float("nan")
     coefficient_95: float = float("nan")
     coefficients_95: dict[str, float] = Field(default_factory=dict)
+    share_of_moment: float = float("nan")
+    share_std_error: float = float("nan")
 
 
 class RecordError(NullIsNaN):
@@ -312,10 +313,14 @@ Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
+    """`winner` is None unless the `outcome` is "named"; `equivalent` has all that may be right.
+
+    `described`: of an undecided outcome, the mechanism that is as probable as a name, and is no established cause.
+    """
 
     winner: str | None
     outcome: Outcome
+    described: str | None = None
     equivalent: tuple[str, ...]
     probability: dict[str, float]
     adequacy: Adequacy | None = None
@@ -424,11 +429,11 @@ class Comparison(HasCharts, Result):
         return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
 
     def named(self) -> str:
-        """What the verdict names, and whether it is a description that predicts nothing by itself; empty for none."""
-        winner = self.verdict.winner or ""
-        rows = [row for row in self.ranking if row.mechanism == winner != "none"]
-        poor = any(row.prediction_ratio > 1.0 or far_beyond(self.record_errors) for row in rows)
-        return f"{hypothesis(winner)}{', a description and no established cause' if poor else ''}"
+        """What the verdict names, or that a mechanism describes the moments and is no cause; else the outcome."""
+        verdict = self.verdict
+        if verdict.described is not None:
+            return f"{verdict.outcome}; {verdict.described} describes the moments, no established cause"
+        return verdict.outcome if verdict.winner is None else hypothesis(verdict.winner)
 
     def mach_at(self, time_s: float) -> float:
         """The Mach number at a time (s) of the reference flight; NaN where it is not known."""
@@ -439,9 +444,10 @@ class Comparison(HasCharts, Result):
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
         verdict, found = self.verdict, self.verdict.explained
-        names, winner = ", ".join(map(hypothesis, verdict.equivalent)), self.named()
-        headline = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
-        explains = f" (explains {percent(found.share)} %)" if winner and found and found.share else ""
+        names, best = ", ".join(map(hypothesis, verdict.equivalent)), verdict.winner or verdict.described
+        headline = self.named() if verdict.described else verdict.outcome + (f" ({names})" if names else "")
+        headline = f"{verdict.outcome} {self.named()}" if verdict.winner else headline
+        explains = f" (explains {percent(found.share)} %)" if best and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
@@ -461,19 +467,28 @@ class Comparison(HasCharts, Result):
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
-        far = [f"{e.name} {number(e.size / e.tolerance, 2)} times" for e in self.verdict.processes if e.is_far]
-        if far:
-            lines.append(f"Far beyond an ordinary size: {', '.join(far)}. Check these channels.")
+        lines += self._far_processes()
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
             )
         return "\n".join(filter(None, lines))
 
+    def _far_processes(self) -> list[str]:
+        """Processes far beyond an ordinary size, in sentences: what they may be."""
+        far = [each for each in self.verdict.processes if each.is_far]
+        kinds = {True: "the model lacks something of their kind", False: "check these channels"}
+        said = []
+        for of_moment, advice in kinds.items():
+            own = [each for each in far if each.is_of_moment is of_moment]
+            sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)} times" for each in own)
+            said += [f"Far beyond an ordinary size: {sizes}: {advice}."] if own else []
+        return said
+
     def _when(self) -> str:
-        """From when to when the mechanism that the verdict names acts, and at which Mach numbers."""
-        leader = self.ranking[0] if self.ranking else None
-        if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
+        """From when to when the mechanism that the verdict names, or describes, acts, and at which Mach numbers."""
+        leader, best = self.ranking[0] if self.ranking else None, self.verdict.winner or self.verdict.described
+        if leader is None or leader.mechanism != best or not (acts := leader.acting):
             return ""
         ends, size = (acts[0].start_s, acts[-1].stop_s), ""
         if len(acts) == 1 and len(acts[0].values) == 1:
@@ -481,6 +496,7 @@ class Comparison(HasCharts, Result):
             damps = ", which damps" if net.value < 0.0 else ", which undamps"
             sign = damps if net.name == DAMPING else ""
             size = f" {net.name} is {known_to(net.value, net.std_error)} ± {number(net.std_error, 2)}{sign}."
+        size += self._how_large(leader.mechanism)
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"It acts from Mach {machs}, on each flight at its own times.{size}"
@@ -488,6 +504,18 @@ class Comparison(HasCharts, Result):
             return f"It acts throughout the record.{size}"
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
         return f"It acts from {times(*ends)}{known}.{size}"
+
+    def _how_large(self, leader: str) -> str:
+        """The rms moment of the leader over that of the record, in a sentence; empty where it is not known."""
+        known = (
+            each for each in self.verdict.limits if each.mechanism == leader and not np.isnan(each.share_of_moment)
+        )
+        shares = (100.0 * np.array([each.share_of_moment, each.share_std_error]) for each in known)
+        said = (
+            f" Its rms moment is {known_to(own, error)} ± {number(error, 2)} % of the record's."
+            for own, error in shares
+        )
+        return next(said, "")
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

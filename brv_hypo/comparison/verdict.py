@@ -233,7 +233,9 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
 
 
 def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
-    """The verdict, with what speaks against a mechanism that it names: a held-out `ratio` of errors above 1."""
+    """The verdict, where a mechanism that it names does not predict, by a held-out `ratio` of errors above 1, without
+    that name: a name has to predict.
+    """
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     chance = _share(verdict.probability[verdict.winner])
@@ -242,17 +244,24 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
         f"but {NO_CAUSE}: without processes it predicts held-out blocks no better than the baseline "
         f"({error_share(ratio)} of its error)."
     )
-    return verdict.model_copy(update={"reason": said})
+    return _described(verdict, verdict.winner, said)
+
+
+def _described(verdict: Verdict, described: str, reason: str) -> Verdict:
+    """The verdict with a mechanism that describes the moments best, and is not named: the baseline may be right."""
+    known = {"winner": None, "outcome": "undecided", "described": described, "equivalent": (described, NONE)}
+    return verdict.model_copy(update={**known, "reason": reason})
 
 
 def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
-    """The verdict, with what speaks against a mechanism that it names: an error of record or vehicle, the first, far
-    beyond its tolerance.
+    """The verdict, where an error of record or vehicle, the first, is far beyond its tolerance beside a mechanism that
+    it names, without that name.
     """
-    if verdict.winner in (None, NONE) or not (far := far_beyond(errors)):
+    best = verdict.winner or verdict.described
+    if best in (None, NONE) or not (far := far_beyond(errors)):
         return verdict
-    cause = "" if NO_CAUSE in verdict.reason else f" It {NO_CAUSE}."
-    return verdict.model_copy(update={"reason": f"{verdict.reason}{cause} Beside it, {far}: check that first."})
+    cause = f" It {NO_CAUSE}." if verdict.described is None else ""
+    return _described(verdict, best, f"{verdict.reason}{cause} Beside it, {far}: check that first.")
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

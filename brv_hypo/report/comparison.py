@@ -207,7 +207,7 @@ def comparison_document(comparison: Comparison) -> Document:
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
-        conclusion_title=f"Verdict: {comparison.named() or verdict.outcome}",
+        conclusion_title=f"Verdict: {comparison.named()}",
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         ahead=(

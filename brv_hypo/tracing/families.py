@@ -19,7 +19,6 @@ from functools import cached_property, reduce
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
@@ -36,7 +35,7 @@ from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
-from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
+from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, NORMAL_95, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
 from brv_hypo.tracing.result import Family, ProcessHistory
 

@@ -151,10 +151,14 @@ def test_a_clear_leader_is_named() -> None:
     assert verdict.reason == "lag explains the moments best (probability above 0.99)."
 
 
-def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to() -> None:
+def test_what_predicts_held_out_blocks_worse_than_the_baseline_is_not_named() -> None:
     named, null = said(NULL, LAG), said(NULL)
     assert with_prediction_error(named, 0.4) == named
-    reason = with_prediction_error(named, 1.3).reason
+    verdict = with_prediction_error(named, 1.3)
+    assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
+    assert verdict.equivalent == ("lag", NONE)
+    assert verdict.probability == named.probability
+    reason = verdict.reason
     assert reason.startswith("lag describes the moments best (probability above 0.99)")
     assert "explains" not in reason
     assert "no established cause" in reason
@@ -469,7 +473,9 @@ def test_an_error_far_beyond_its_tolerance_speaks_against_a_cause_once() -> None
         for times in (4.9, 8.8)
     )
     assert with_far_error(named, (near,)) == named
-    reason = with_far_error(named, (far,)).reason
+    verdict = with_far_error(named, (far,))
+    assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
+    reason = verdict.reason
     beside = "Beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
     assert reason.endswith(f" It is no established cause. {beside}")
     assert with_far_error(with_prediction_error(named, 1.3), (far,)).reason.count("no established cause") == 1

@@ -27,6 +27,7 @@ from brv_hypo.comparison.result import (
     beyond_text,
     beyond_tolerances,
 )
+from brv_hypo.comparison.verdict import with_prediction_error
 from brv_hypo.docs import text
 from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.io.text import hypothesis, number
@@ -408,15 +409,17 @@ def test_a_delay_in_a_table_has_its_error() -> None:
     assert [row["delay, s"] for row in term_table("t", [value], derived=[delay]).rows] == ["0.1200 ± 0.003"]
 
 
-def test_a_name_that_is_a_description_only_is_in_the_heading_as_one() -> None:
+def test_what_describes_and_is_no_cause_is_in_the_heading_as_that() -> None:
     """The heading does not name what the first sentence takes back; far larger errors are no numbers."""
     comparison = graded("damping")
     row = comparison.ranking[0].model_copy(update={"prediction_ratio": 520.0})
-    poor = comparison.model_copy(update={"ranking": (row, *comparison.ranking[1:])})
+    verdict = with_prediction_error(comparison.verdict, 520.0)
+    poor = comparison.model_copy(update={"ranking": (row, *comparison.ranking[1:]), "verdict": verdict})
     assert "Verdict: damping ─" in printed(comparison)
     shown = printed(poor)
-    assert "Verdict: damping, a description and no established cause ─" in shown
+    assert "Verdict: undecided; damping describes the moments, no established cause ─" in shown
     assert ">1000 %" in shown
+    assert "undecided; damping describes the moments, no established cause (explains" in poor.headline()
 
 
 def test_what_was_only_corrected_is_warned_of_last() -> None:

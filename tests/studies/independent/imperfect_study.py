@@ -124,8 +124,8 @@ def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False
 
 
 def misses(made: Made, found: Comparison) -> dict[str, float]:
-    """What the leader states, less what was planted, in standard errors: values at mid-region, delays, the knot that is
-    nearest to when the mechanism begins or ends.
+    """What the leader states, less what was planted, in standard errors: values at mid-region, its rms moment, delays,
+    the knot that is nearest to when the mechanism begins or ends.
     """
     planted, fitted = made.true.planted, found.ranking[0]
     true, middle = _values(planted), 0.5 * (planted.start + planted.stop)
@@ -136,7 +136,9 @@ def misses(made: Made, found: Comparison) -> dict[str, float]:
         for each in interval.values
         if each.name in true
     }
-    return out | _times(planted, fitted.derived, " knot")
+    (sized,) = (each for each in found.verdict.limits if each.mechanism == made.truth)
+    moment = (sized.share_of_moment - share_of(made)) / sized.share_std_error
+    return out | {"moment": moment} | _times(planted, fitted.derived, " knot")
 
 
 def likelihood_misses(made: Made, found: MaximumLikelihood) -> dict[str, float]:
