@@ -329,6 +329,8 @@ class Verdict(NullIsNaN):
     """Largest first."""
     limits: tuple[MechanismLimit, ...] = ()
     stability: float | None = None
+    same_leader: float = 1.0
+    """Share of the repetitions in which the same hypothesis leads, whatever the outcome."""
     reason: str
 
 
@@ -388,7 +390,7 @@ def percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
     if share < 5e-5:
         return "<0.01" if share > 0.0 else "0"
-    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
+    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.98 else 2}f}"
 
 
 class Comparison(HasCharts, Result):
@@ -465,6 +467,8 @@ class Comparison(HasCharts, Result):
             within = f"The leader's residual is {fits.ratio:.2f} times what noise and tolerances explain"
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
+            if stable is not None and stable < self.verdict.same_leader:
+                repeated += f", {100.0 * self.verdict.same_leader:.0f} % the same leader"
             lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         lines += self._far_processes()

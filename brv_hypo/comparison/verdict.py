@@ -144,6 +144,7 @@ def judge(
         explained=explained,
         processes=tuple(processes),
         stability=float(np.mean(same)) if count else 1.0,
+        same_leader=confirming / count if count else 1.0,
         reason="",
     )
     if decision.outcome == "none adequate":

@@ -35,10 +35,15 @@ CHANNELS = {
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
-ALONE = "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it."
+ALONE = (
+    "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it. "
+    "Moments are derivatives of smoothed rates: where the plane of alpha turns fast, some of one component is in the "
+    "other."
+)
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 EVIDENCE = (
-    "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "
+    "pred. error: mean square error of moments on blocks held out of the fit, no processes, as F-ratio and C_p, which "
+    "is large where processes matter; ln evidence: ln of the "
     "record's probability density, processes included. Both over the baseline only's. A + beside terms: the search "
     "came to `max_terms` of them; what is split or added beside processes comes on top."
 )
@@ -61,7 +66,7 @@ def _evidence(comparison: Comparison) -> Chart:
     gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, large=True, spread=wide)
     evidence = Line(level, places, "second", "ln evidence", dots=True, large=True)
     panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
-    read = "Held out: ln of the probability of each stretch of time given the others."
+    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
     return Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
 
 

@@ -40,6 +40,7 @@ from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
+UNSTABLE_SIGMAS = 3.0  # of the worst of two dozen places: at 5 % (Bonferroni)
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
 REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
@@ -137,7 +138,7 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
 
 
 def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
-    margin, beyond = STABLE_SIGMAS if doubt else -STABLE_SIGMAS, np.array(slope.extrapolated)
+    margin, beyond = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, np.array(slope.extrapolated)
     zero = np.array([slope.at_zero, slope.at_zero_std_error])
     flown = np.array([slope.at_flown, slope.at_flown_std_error])
     sentences = []
@@ -146,7 +147,7 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
         if not np.any(chosen):
             continue
         worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
-        said = "is unstable" if values[worst] > STABLE_SIGMAS * errors[worst] else "is not significantly stable"
+        said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
         words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
         time, alpha = times(slope.time_s[worst]), f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
         if where is beyond:

@@ -64,8 +64,8 @@ def test_a_stable_vehicle_needs_no_words() -> None:
 
 
 def test_where_it_is_unstable_is_told_with_its_size() -> None:
-    said = stability_in_words([sloped([-0.1, -0.01, 0.03, 0.01, -0.1, -0.1])])
-    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.03 ± 0.01 per rad at 20 s" in said
+    said = stability_in_words([sloped([-0.1, -0.01, 0.04, 0.01, -0.1, -0.1])])
+    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.04 ± 0.01 per rad at 20 s" in said
     assert "-0.1 ± 0.02 at the 2.9 deg flown there" in said
 
 
@@ -82,7 +82,7 @@ def test_no_value_at_alpha_zero_is_stated_where_no_sample_is_near_it() -> None:
     slope = sloped([-0.1, 0.03, 0.03], alpha_ends_rad=ends)
     assert slope.extrapolated == (False, True, True)
     assert stability_in_words([slope]) == ""
-    unstable = slope.model_copy(update={"at_flown": (-0.1, -0.1, 0.05)})
+    unstable = slope.model_copy(update={"at_flown": (-0.1, -0.1, 0.07)})
     said = stability_in_words([unstable])
-    assert said.startswith("At the angle flown the static moment is unstable at 20 s (Mach 18): 0.05 ± 0.02 per rad")
+    assert said.startswith("At the angle flown the static moment is unstable at 20 s (Mach 18): 0.07 ± 0.02 per rad")
     assert "alpha = 0" not in said
