@@ -122,7 +122,7 @@ def test_options_that_are_mentioned_exist(topic):
 def test_the_ranking_that_the_manual_shows_is_that_of_the_demo(brv_hypo):
     """Rank, name and terms; ln evidence to a hundredth of it, for other processors."""
     (shown,) = (each for each in snippets("verdict") if each.body.startswith("rank mechanism"))
-    rows = re.compile(r"^ +(\d) ([a-z ]+?) +(\d+) .* (\d+\.\d) +[<>]\d+ %$", re.MULTILINE)
+    rows = re.compile(r"^ +(\d) +([a-z][a-z ]*?) +(\d+) .* (\d+\.\d) +[<>]\d+ %$", re.MULTILINE)
     shows = brv_hypo("demo", COLUMNS="80").stdout
     printed = {(rank, name, terms): float(level) for rank, name, terms, level in rows.findall(shows)}
     told = rows.findall(shown.body)
