@@ -74,7 +74,10 @@ def gathered(
         families=steps[0].families,
         account=account,
         model=ModelSummary(
-            terms=(*estimates(found.columns, found.values, found.covariance, data.frame), *_record_terms(whole)),
+            terms=(
+                *estimates(found.columns, found.values, _covariance_beside_processes(found, beside), data.frame),
+                *_record_terms(whole),
+            ),
             definition=definition,
         ),
         record_errors=record_errors(beside, weight),
@@ -202,6 +205,13 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
+
+
+def _covariance_beside_processes(found: Coefficients, beside: Evidence) -> FloatArray:
+    """That of a model's coefficients, which are fitted without processes, with the errors that these make of them."""
+    covariance, _ = beside.errors_of_processes
+    count = covariance.shape[0]  # the columns of the baseline's tolerances come last
+    return np.asarray(found.covariance + np.pad(covariance, (0, found.values.size - count)))
 
 
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:

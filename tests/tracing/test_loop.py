@@ -5,6 +5,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
+import numpy as np
 import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
@@ -218,3 +219,13 @@ def test_a_step_says_nothing_twice() -> None:
     assert "Final residual" not in {block.heading for block in blocks}
     rows = next(block.rows for block in tables if block.headings[:1] == ("model",))
     assert [row["model"] for row in rows] == ["constant", "trim, part 1", "trim, part 2", "noise alone"]
+
+
+@pytest.mark.thorough
+def test_errors_of_terms_have_what_processes_make_of_them() -> None:
+    """Those of the model's file are of the fit alone: `predict` has the model's error on held-out blocks too."""
+    model = traced_trim().model
+    alone = np.sqrt(np.diag(model.definition.covariance))
+    stated = np.array([term.std_error for term in model.terms[: alone.size]])
+    assert np.all(stated >= alone)
+    assert np.all(stated[:1] > 1.01 * alone[:1])
