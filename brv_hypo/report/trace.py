@@ -182,7 +182,7 @@ def trace_document(result: Trace) -> Document:
     sized = set(result.findings) - rising
     own = [term for term in result.model.terms if term.mechanism in sized]
     estimates = term_table(
-        "What was found, beside all that was added and without processes: quote those of `compare`",
+        "What was found, beside all that was added and without processes: quote those of compare",
         own,
         "always",
         most=tables.ROWS_AT_FIRST,

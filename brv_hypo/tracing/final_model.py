@@ -182,7 +182,7 @@ def unexplained(residual: Residual) -> str | None:
     ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
     factor = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
     return (
-        f"The residual has an rms of {residual.rms:.3g}, {factor} times the noise of the moments; it is largest in "
+        f"The residual has an rms of {number(residual.rms)}, {factor} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {times(*residual.worst_region_s)}, at "
         f"{residual.dominant_frequency_hz:.3g} Hz."
     )
