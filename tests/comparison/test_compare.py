@@ -96,6 +96,8 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "processes",
         "limits",
         "stability",
+        "same_leader",
+        "described",
         "reason",
     }
     assert set(content["verdict"]["explained"]) == {"share", "unexplained", "interval_95", "processes", "noise"}
@@ -116,6 +118,8 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "share_in_part_95",
         "coefficient_95",
         "coefficients_95",
+        "share_of_moment",
+        "share_std_error",
     }
     interval = next(row for row in content["ranking"] if row["intervals"])["intervals"][0]
     assert set(interval) == {"start_s", "stop_s", "values", "collinear_groups"}
