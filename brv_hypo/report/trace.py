@@ -368,7 +368,7 @@ def prediction_document(result: Prediction) -> Document:
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
             Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
             *prediction_charts(result),
-            term_table("Frozen", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
+            term_table("Frozen, with errors of the fit alone", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
             Texts(fault_texts(result.record), "Warnings", warning=True),
             Texts(flight.notes, "Notes", shown="page"),
