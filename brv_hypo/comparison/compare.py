@@ -49,6 +49,7 @@ from brv_hypo.comparison.verdict import (
     judge,
     with_better_rival,
     with_far_error,
+    with_far_processes,
     with_gaps,
     with_prediction_error,
 )
@@ -158,6 +159,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
+    verdict = with_far_processes(verdict)
     if len(flights) > 1:
         verdict = with_better_rival(verdict, ratios)
     selected = clock.perf_counter()
@@ -194,7 +196,9 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
     null, weight = beside.evidences[beside.null], beside.weight
     listed = [
-        Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, own.level - null.level))
+        Candidate(
+            fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, weight * (own.level - null.level))
+        )
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
         if not fit.mechanisms or (fit.selected and not _has_idle_part(fit, beside.fits))  # of others nothing is known
     ]
@@ -224,8 +228,9 @@ def identify_credible(
         return {}
     chances, adequate = verdict.probability, verdict.outcome != "none adequate"
     fits = [fit for fit in fits if fit.name in chances]
-    credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
-    credible.sort(key=lambda fit: -chances[fit.name])
+    leader = likeliest(fits)
+    credible = [fit for fit in fits if fit is leader or chances[fit.name] >= CREDIBLE_PROBABILITY]
+    credible.sort(key=lambda fit: (fit is not leader, -chances[fit.name]))
     quick = config.maximum_likelihood == "quick"
     options: Any = {"max_iterations": LIKELIHOOD_STEPS, "begin_anew": not quick}
     found: dict[str, Identification | None] = {}
@@ -234,7 +239,7 @@ def identify_credible(
             found[fit.name] = None
             continue
         say(f"maximum likelihood of {hypothesis(fit.name)}")
-        regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
+        regressed = Regressed.of(problem, fit)
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, regressed=regressed, **options)
     return found
 
@@ -245,7 +250,9 @@ def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:
 
 
 def _impossible(fit: HypothesisFit, gain: float) -> str | None:
-    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost."""
+    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost, what
+    a nat counts as in its errors.
+    """
     excess = out_of_bounds(fit)
     return None if excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
 

@@ -30,6 +30,7 @@ from brv_hypo.comparison.with_processes import (
     likelier,
     moved,
     plainest,
+    possible_level,
     price,
     scanned,
     widened,
@@ -45,7 +46,6 @@ from brv_hypo.inference.fit import (
     likeliest,
     renewed,
     self_consistent,
-    with_others,
 )
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
@@ -97,7 +97,8 @@ class Judged:
     @property
     def leader(self) -> int:
         """The place of the most probable hypothesis."""
-        return min(range(len(self.fits)), key=lambda k: (self.fits[k].information, len(self.fits[k].mechanisms)))
+        best = likeliest(self.fits)
+        return next(k for k, fit in enumerate(self.fits) if fit is best)
 
     @property
     def misfit(self) -> float:
@@ -188,7 +189,8 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     null = maximised(rows, rows.terms(None), start)
     first = [with_its_evidence(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
-    place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
+    prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
+    place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     pairs = [_without_idle_part(each, pairs) for each in pairs]
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
@@ -201,8 +203,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     if np.any(more := along_delays(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
         stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
-    known = tuple(with_others(problem, fit) for fit in stated)
-    return Judged(problem, rows, known, tuple(own for _, own in pairs), weight)
+    return Judged(problem, rows, tuple(stated), tuple(own for _, own in pairs), weight)
 
 
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:

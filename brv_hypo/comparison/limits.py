@@ -101,7 +101,7 @@ def limits(
         MechanismLimit(
             mechanism=name,
             share_of_moment_95=share,
-            share_in_part_95=max(in_part.get(each.name, float("nan")) for each in hypotheses[name]),
+            share_in_part_95=max((in_part[e.name] for e in hypotheses[name] if e.name in in_part), default=math.nan),
             coefficient_95=share * moment,
             **(fitted if name == leader.name else {}),
             coefficients_95={k: v for each in hypotheses[name] for k, v in sizes.get(each.name, {}).items()},

@@ -465,10 +465,10 @@ class Comparison(HasCharts, Result):
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if (fits := self.verdict.adequacy) is not None:
             within = f"The leader's residual is {fits.ratio:.2f} times what noise and tolerances explain"
-            stable = self.verdict.stability
-            repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
-            if stable is not None and stable < self.verdict.same_leader:
-                repeated += f", {100.0 * self.verdict.same_leader:.0f} % the same leader"
+            stable, answer = self.verdict.stability, "answer"
+            if self.verdict.outcome == "undecided":
+                stable, answer = self.verdict.same_leader, "leader"
+            repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same {answer}"
             lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         lines += self._far_processes()
@@ -479,8 +479,8 @@ class Comparison(HasCharts, Result):
         return "\n".join(filter(None, lines))
 
     def _far_processes(self) -> list[str]:
-        """Processes far beyond an ordinary size, in sentences: what they may be."""
-        far = [each for each in self.verdict.processes if each.is_far]
+        """Processes far beyond an ordinary size, but for those in the reason, in sentences: what they may be."""
+        far = [each for each in self.verdict.processes if each.is_far and each.name not in self.verdict.reason]
         kinds = {True: "the model lacks something of their kind", False: "check these channels"}
         said = []
         for of_moment, advice in kinds.items():

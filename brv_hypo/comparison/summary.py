@@ -294,8 +294,10 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         if column.grouped:
             vectors.setdefault(column.choice, []).append(j)
     for (name, _, _, time_basis, _), members in vectors.items():
-        values = {fit.columns[j].term: float(fit.values[j]) for j in members}
-        covariance = fit.covariance[np.ix_(members, members)]
+        comes_on = time_basis.kind == "ramp" and np.isfinite(time_basis.stop)
+        over = time_basis.final if comes_on else 1.0  # of what comes on over a time, all of it
+        values = {fit.columns[j].term: over * float(fit.values[j]) for j in members}
+        covariance = over**2 * fit.covariance[np.ix_(members, members)]
         region = None if time_basis.kind == "constant" else (time_basis.start, end)
         found.extend(
             DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)

@@ -22,7 +22,7 @@ from brv_hypo.comparison.result import (
     far_beyond,
     percent,
 )
-from brv_hypo.io.text import error_share, hypothesis, times
+from brv_hypo.io.text import error_share, hypothesis, number, times
 from brv_hypo.thresholds import NOISE_LEVEL
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -152,7 +152,7 @@ def judge(
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
     reason = _undecided(verdict, leader, decision.predicts, outside)
-    if confirmed < min(whole.chances[leader.name], 1.0):
+    if confirmed < whole.chances[leader.name]:
         reason += (
             f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
             "bounds its probability."
@@ -263,6 +263,23 @@ def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
         return verdict
     cause = f" It {NO_CAUSE}." if verdict.described is None else ""
     return _described(verdict, best, f"{verdict.reason}{cause} Beside it, {far}: check that first.")
+
+
+def with_far_processes(verdict: Verdict) -> Verdict:
+    """The verdict, where a process of the moment is far beyond an ordinary size beside a mechanism that it names,
+    without that name: what moves the vehicle so may be what the mechanism describes.
+    """
+    best = verdict.winner or verdict.described
+    far = [each for each in verdict.processes if each.is_far and each.is_of_moment]
+    if best in (None, NONE) or not far:
+        return verdict
+    cause = f" It {NO_CAUSE}." if verdict.described is None else ""
+    sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
+    said = (
+        f"{verdict.reason}{cause} Beside it processes are far beyond their ordinary size ({sizes} times): something "
+        f"large is not on the list, or two mechanisms act (list their sum, as {best}+NAME)."
+    )
+    return _described(verdict, best, said)
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

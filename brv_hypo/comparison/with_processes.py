@@ -105,15 +105,16 @@ def price(fit: HypothesisFit) -> float:
     return ONSET_TAKES_TIME * len(_onsets(fit)) + FURTHER_REGION * further
 
 
+def possible_level(pair: Pair) -> float:
+    """The log evidence with possible values, less the price of the form."""
+    fit, own = pair
+    errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
+    return own.level - price(fit) - 0.5 * within_bounds(errors).bound_cost
+
+
 def likelier(pairs: Sequence[Pair]) -> Pair:
     """The likeliest with possible values, less its price."""
-
-    def counted(pair: Pair) -> float:
-        fit, own = pair
-        errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
-        return own.level - price(fit) - 0.5 * within_bounds(errors).bound_cost
-
-    return max(pairs, key=counted)
+    return max(pairs, key=possible_level)
 
 
 def _onsets(fit: HypothesisFit) -> set[TimeBasis]:

@@ -164,11 +164,6 @@ class Evidence(_Integrated):
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
 
     @property
-    def amplitudes(self) -> FloatArray:
-        """Of every process (groups,), in its units."""
-        return self.noise * _amplitudes(self.rows, self.at)
-
-    @property
     def values(self) -> FloatArray:
         """Coefficients of the baseline's columns and of the hypothesis's terms, then shifts of knots and delays."""
         return np.asarray(self._values_of_border @ self.solution.border)
@@ -403,7 +398,8 @@ def maximised(rows: Rows, terms: Terms, *starts: FloatArray) -> Evidence:
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
     own, first = (surface.slope, surface.curvature), min(begun, key=surface.cost)
     best: Any = minimize(surface.cost, first, jac=own[0], hess=own[1], method="trust-exact", options=options)
-    return surface.evidence(best.x - np.linalg.solve(best.hess, best.jac))
+    closer = best.x - np.linalg.solve(best.hess, best.jac)
+    return surface.evidence(closer if surface.cost(closer) < best.fun else best.x)
 
 
 def with_amplitudes(rows: Rows, terms: Terms, at: FloatArray) -> Evidence:

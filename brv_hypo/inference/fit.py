@@ -69,9 +69,9 @@ class HypothesisFit:
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until errors are known: of the
-    regression by `with_errors`, beside processes by `comparison.judgement`, which replaces values too; `residual` and
-    what follows from it stay those of the regression.
+    `joint_covariance`, of values and then those, is empty until errors are known: of the regression by `with_errors`,
+    beside processes by `comparison.judgement`, which replaces values too; `residual` and what follows from it stay
+    those of the regression.
     `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds; `left_out`, of
     values and then delays and knots, is known beside processes.
     """
@@ -89,7 +89,6 @@ class HypothesisFit:
     nonlinear: tuple[Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     bound_cost: float = 0.0
-    others: FloatArray = field(default_factory=lambda: np.zeros(0))
     left_out: LeftOut | None = None
     log_evidence: float | None = None
     """Beside processes, over that of the baseline only, as it counts; None before they are known."""
@@ -302,10 +301,11 @@ def refined_fit(
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    """The fit of the least criterion; of those that are tied the first."""
+    """The fit of the least criterion; of those that are tied that of the fewest mechanisms, the first."""
     found = [fit.information for fit in fits]
     least = min(found)
-    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL)
+    tied = [fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL]
+    return min(tied, key=lambda fit: len(fit.mechanisms))
 
 
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
@@ -352,12 +352,7 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         slopes = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    return with_others(problem, replace(fit, efficiency=problem.efficiency, joint_covariance=covariance))
-
-
-def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the nuisances beside it."""
-    return replace(fit, others=problem.others_beside(fit.frame, fit.columns, fit.values))
+    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
 
 
 @dataclass(frozen=True)
@@ -372,10 +367,10 @@ class Regressed:
     rates: ComplexArray
 
     @classmethod
-    def of(
-        cls, problem: Problem, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray
-    ) -> Regressed:
-        """What a fit of these columns with `values` and nuisances `others` (unknowns,) says."""
+    def of(cls, problem: Problem, fit: HypothesisFit) -> Regressed:
+        """What a fit says, with the nuisances that go with its coefficients."""
+        frame, columns, values = fit.frame, fit.columns, fit.values
+        others = problem.others_beside(frame, columns, values)
         nuisances, flights = problem.rows.nuisances, len(problem.records)
         return cls(
             nuisances.values(np.zeros(others.size), flights),

@@ -16,7 +16,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.bordered import Bordered, joined
 from brv_hypo.linearisation.channels import Histories, Noise, Part, Whitening, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.linear import lengths
+from brv_hypo.linearisation.linear import lengths, orthonormal
 from brv_hypo.linearisation.nuisance import AT_ONCE, Nuisances
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism, Term
@@ -294,14 +294,7 @@ class Problem:
 
     def _project_baseline(self, frame: RateFrame) -> ProjectedBaseline:
         design = self.design(frame, self.baseline)
-        if not self.baseline:
-            return ProjectedBaseline(design, np.zeros((0, 0)), self.response)
-        scale = lengths(design)
-        orthonormal, triangle = np.linalg.qr(design / scale)
-        directions, singular, right = np.linalg.svd(triangle)
-        kept = singular > _CUTOFF * singular[0]
-        basis = np.asarray(orthonormal @ directions[:, kept], dtype=float)
-        coefficients = (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+        basis, coefficients = orthonormal(design)
         return ProjectedBaseline(basis, coefficients, self.response - basis @ (basis.T @ self.response))
 
     @cached_property

@@ -30,7 +30,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import prediction_slopes
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import orthonormal
-from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.thresholds import ALWAYS, EVENTS_APART, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
@@ -314,10 +314,8 @@ class Rows:
             ranges = [length if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
             moved = np.full(apart, EVENTS_APART * length)
             spread = np.concatenate([spread, _UNIFORM * np.array(ranges), moved])
-        may_end = any(mechanism.time_variation != ("constant",) for mechanism in fit.mechanisms)
-        always = may_end and all(column.time_basis.kind == "constant" for column in fit.selected)
-        scaled, prior = np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0
-        whole = Terms(x, spread, scaled, prior, apart)
+        scaled = np.arange(spread.size) < len(fit.selected)
+        whole = Terms(x, spread, scaled, prior_of_times(fit.mechanisms, fit.selected), apart)
         return _closed(whole, fit) if fit.ends else whole
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
@@ -343,12 +341,19 @@ class Rows:
     def stretch_products(self) -> tuple[Products, ...]:
         """Those of each stretch of time."""
         chosen = [self.time_blocks == k for k in np.unique(self.time_blocks)]
-        return tuple(Products.of(self, use, int(np.sum(use))) for use in chosen)
+        return tuple(Products.of(self, use, int(np.sum(use & self.counted))) for use in chosen)
 
     @cached_property
     def time_blocks(self) -> IntArray:
         """Which stretch of time each row belongs to (n,), `TIME_BLOCKS` of a flight."""
         return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
+
+
+def prior_of_times(mechanisms: Sequence[Mechanism], selected: Sequence[Regressor]) -> float:
+    """Log probability that mechanisms which may end act throughout, where they do."""
+    may_end = any(mechanism.time_variation != ("constant",) for mechanism in mechanisms)
+    always = may_end and all(column.time_basis.kind == "constant" for column in selected)
+    return float(np.log(ALWAYS)) if always else 0.0
 
 
 def _closed(terms: Terms, fit: HypothesisFit) -> Terms:

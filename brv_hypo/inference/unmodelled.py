@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.inference.fit import HypothesisFit
@@ -22,6 +21,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
 # Splines in time of each shape of the free moment that the noise is left by, and rows that each column needs: they take
@@ -103,18 +103,12 @@ class FreeMoment(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One shape times each spline."""
         name = self.shapes[int(theta[_SHAPE])]
-        splines = self._splines(motion.coefficient_time)
+        splines = time_splines(motion.coefficient_time, self.start, self.stop, self.splines)
         return tuple(
             Term(f"{name} {part} {k}", values.real * spline, values.imag * spline)
             for part, values in enumerate(shape_of(name, motion))
             for k, spline in enumerate(splines.T)
         )
-
-    def _splines(self, time: FloatArray) -> FloatArray:
-        """Cubic B-splines (n, splines) over the span."""
-        inner = np.linspace(self.start, self.stop, self.splines - 2)
-        knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-        return np.asarray(BSpline.design_matrix(np.clip(time, self.start, self.stop), knots, 3).toarray())
 
 
 def free_moment(problem: Problem, shapes: tuple[str, ...] = ORDINARY) -> tuple[RateFrame, tuple[Regressor, ...]]:
@@ -215,13 +209,13 @@ class TurningMoment(Mechanism):
 def turning_moment(
     problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
 ) -> TurningMoment | None:
-    """Of rates that turn by half a turn or more from `start` to `stop` s, half a turn apart, but for those at which a
+    """Of rates that turn by half a turn or more from `start` to `stop` s, but for those at which a
     listed mechanism reproduces all but the share `beyond` of its rms; None where there is none.
     """
-    motions, apart = problem.frame.motions, np.pi / (stop - start)
+    motions = problem.frame.motions
     known = shapes_of(listed, motions)
-    count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
-    every = TurningMoment(about=start, rates=tuple(apart * k for k in range(-count, count + 1) if k), apart=apart)
+    offered, apart = turning_rates(motions, stop - start)
+    every = TurningMoment(about=start, rates=tuple(offered.tolist()), apart=apart)
     rates = tuple(
         rate
         for rate in every.rates
@@ -265,8 +259,18 @@ def _stacked(components: Sequence[ComplexArray]) -> FloatArray:
     return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
 
 
-def fastest_turning(motion: Motion) -> float:
-    """The largest rate, rad/s either way, at which a moment is looked for that turns in the body."""
+def turning_rates(motions: Sequence[Motion], duration: float) -> tuple[FloatArray, float]:
+    """Rates, rad/s, at which a moment is looked for that turns in the body, none at rest, and how far they are apart:
+    half a turn in so many s, or more where the fastest would not be among so many.
+    """
+    fastest = max(map(_fastest_turning, motions))
+    apart = max(np.pi / duration, 2.0 * fastest / TURNING_RATES)
+    count = int(fastest / apart)
+    return apart * np.array([k for k in range(-count, count + 1) if k], dtype=float), apart
+
+
+def _fastest_turning(motion: Motion) -> float:
+    """The largest rate, rad/s either way."""
     fastest = TURNING_FASTEST * (
         float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), TURNING_MERIDIAN))
     )

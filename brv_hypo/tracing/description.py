@@ -22,7 +22,7 @@ from brv_hypo.comparison.with_processes import acting, level
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.unmodelled import TURNING_RATES, fastest_turning
+from brv_hypo.inference.unmodelled import turning_rates
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (
@@ -120,9 +120,7 @@ def _term(
 def _turning(motion: Motion) -> list[Entry]:
     """Body-fixed moments of constant size that turn in the body at a constant rate."""
     duration = float(motion.time[-1] - motion.time[0])
-    top = fastest_turning(motion)
-    step = max(np.pi / duration, 2.0 * top / TURNING_RATES)
-    rates = step * np.arange(-int(top / step), int(top / step) + 1)
+    rates, step = turning_rates([motion], duration)
     near = float(np.mean(motion.p))
 
     def entry(rate: float) -> Entry:
@@ -132,7 +130,7 @@ def _turning(motion: Motion) -> list[Entry]:
         words = f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})"
         return Entry(words, terms, rate, step, entry)
 
-    return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
+    return [entry(rate) for rate in rates.tolist()]
 
 
 def _throughout() -> list[Entry]:

@@ -27,7 +27,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.rows import Rows, Terms, rows_of
+from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
@@ -41,6 +41,7 @@ from brv_hypo.tracing.result import Family, ProcessHistory
 
 FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
+RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
 _PLACES = 9  # at which the history of a process is reported
 
 
@@ -160,7 +161,8 @@ class Beside:
     @cached_property
     def _finer(self) -> Beside:
         """With every history of a moment nearly as fine, so that no family explains more by its resolution alone."""
-        return replace(self, rows=rows_of(self.rows.problem, self.point, _finer_processes()))
+        finer = rows_of(self.rows.problem, self.point, _finer_processes())
+        return replace(self, rows=replace(finer, y=self.rows.y))  # what was added to the record is not taken out of it
 
     @cached_property
     def majority(self) -> str | None:
@@ -223,7 +225,8 @@ def beside_processes(
     for name in (mechanism.name for mechanism in mechanisms):  # its terms, and what its knots and delays move
         places = [k for k, column in enumerate(added) if column.mechanism == name]
         moves = [k for k, each in enumerate(point.nonlinear) if set(each.columns) <= set(places)]
-        terms[name] = every.only([*places, *(len(added) + k for k in moves)])
+        prior = prior_of_times([model.mechanisms[name]], [added[k] for k in places])
+        terms[name] = replace(every.only([*places, *(len(added) + k for k in moves)]), prior=prior)
         families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
         effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
@@ -253,7 +256,7 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
 
     So is their prior: were it of typical sizes, errors of the record would come before moments that are there.
     """
-    spread, choices = np.full(x.shape[1], RECORD_EFFECT_LARGEST), math.comb(max(searched, x.shape[1]), x.shape[1])
+    spread, choices = np.full(x.shape[1], RECORD_EFFECT_PRIOR), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
 
 

@@ -7,7 +7,7 @@ import pytest
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.comparison.compare import identify_credible
 from brv_hypo.comparison.result import Verdict
-from brv_hypo.inference.fit import fit_hypothesis, with_others
+from brv_hypo.inference.fit import fit_hypothesis
 from tests.chains import prepared
 from tests.studies.independent.instrument_errors import told
 from tests.studies.independent.study import drawn_flight
@@ -28,7 +28,7 @@ def test_errors_of_the_record_are_told_whole(seed: int) -> None:
 @pytest.mark.parametrize(("asked", "adequate", "run"), [("quick", True, 1), ("quick", False, 0), ("full", False, 1)])
 def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool, run: int) -> None:
     problem = prepared()
-    fit = with_others(problem, fit_hypothesis(problem, "none", ()))
+    fit = fit_hypothesis(problem, "none", ())
     said: list[str] = []
     config = QUICK.model_copy(update={"maximum_likelihood": asked})
     verdict = Verdict(

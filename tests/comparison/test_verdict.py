@@ -25,6 +25,7 @@ from brv_hypo.comparison.verdict import (
     probabilities,
     with_better_rival,
     with_far_error,
+    with_far_processes,
     with_gaps,
     with_prediction_error,
 )
@@ -165,6 +166,28 @@ def test_what_predicts_held_out_blocks_worse_than_the_baseline_is_not_named() ->
     assert "(130 % of its error)" in reason
     assert "(>1000 % of its error)" in with_prediction_error(named, 520.0).reason
     assert with_prediction_error(null, 1.3) == null
+
+
+def test_beside_processes_far_beyond_their_ordinary_size_nothing_is_named() -> None:
+    """Of the moment: of instruments the channels are to be checked. What is within its error says nothing."""
+    named, large = said(NULL, LAG), process(0.012)
+    for name, family, size, error, keeps in (
+        ("flow", "body", 230.0, 10.0, False),
+        ("flow", "body", 19.0, 1.0, True),
+        ("flow", "body", 230.0, 150.0, True),
+        ("gyro_drift", "gyros", 230.0, 10.0, True),
+    ):
+        about = {"name": name, "family": family, "size": size * large.tolerance, "std_error": error * large.tolerance}
+        found = named.model_copy(update={"processes": (large.model_copy(update=about),)})
+        verdict = with_far_processes(found)
+        assert (verdict == found) is keeps
+        if not keeps:
+            assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
+            assert "It is no established cause. Beside it processes are far beyond" in verdict.reason
+            assert "(flow 230 times)" in verdict.reason
+            assert with_far_processes(with_prediction_error(found, 1.3)).reason.count("no established cause") == 1
+    null = said(NULL).model_copy(update={"processes": (large.model_copy(update={"size": 230.0 * large.tolerance}),)})
+    assert with_far_processes(null) == null
 
 
 def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:
