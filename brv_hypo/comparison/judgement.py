@@ -33,6 +33,7 @@ from brv_hypo.comparison.with_processes import (
     possible_level,
     price,
     scanned,
+    together,
     widened,
     with_its_evidence,
 )
@@ -213,12 +214,16 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
         if pairs[place][0].selected:
             offered[place] = in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *map(level, offered[place]))
-    likely = [likelier(some) for some in offered]
-    least = max(map(level, likely)) - OUT_OF_REACH
-    found = [
-        plainest(problem, some, null) if best[0].selected and level(best) > least else best
-        for some, best in zip(offered, likely, strict=True)
-    ]
+    least, alone = max(level(likelier(some)) for some in offered) - OUT_OF_REACH, dict[str, Pair]()
+    found = list(pairs)
+    for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
+        some, count = offered[place], len(pairs[place][0].mechanisms)
+        some = together(problem, pairs[place], alone) if count > 1 else some
+        found[place] = best_of = likelier(some)
+        if count == 1 and best_of[0].selected:
+            alone[best_of[0].name] = best_of
+        if best_of[0].selected and level(best_of) > least:
+            found[place] = plainest(problem, some, null)
     high = max(map(level, found)) - WIDENED
     return [widened(problem, each) if level(each) > high else each for each in found]
 
@@ -271,9 +276,9 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
     values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]
-    if fit.selected and not follows_static_moment(fit.mechanisms):
-        terms = np.arange(fit.baseline_size, count)
-        covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
+    following = {mechanism.name for mechanism in fit.mechanisms if follows_static_moment([mechanism])}
+    terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in following]
+    covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     covariance[knots, knots] += shift_sigma(fit.frame.reconstructions[0].flight.step) ** 2
     found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance, bound_cost=0.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
 from operator import attrgetter
@@ -220,17 +220,7 @@ def acting(
     processes a short region about one end may explain as much as the whole one with its onset. What is below `least`
     stays where it was placed.
     """
-    offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
-    several = sum(map(len, offered.values())) > WITH_ONSETS
-    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, COARSE_EDGES), (0,), WITH_ONSETS)]
-    grids = [*grids[: int(several)], (*_fine(like.frame, onsets), 1)]
-    for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
-        tried = [(m, regions(nulls, like.frame, m, times, parts, thetas, most=1)) for m, thetas in offered.items()]
-        found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
-        ordered = [sorted(each, key=lambda one: -one[1].peak) for each in found]
-        likely = [_offered(each, count) for each in ordered]
-        best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
-        offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
+    times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets)
     beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
     where = [(mechanism, shape.theta, shape.region, shape.width) for mechanism, shape, _ in beside]
     pairs: list[Pair] = []
@@ -240,6 +230,52 @@ def acting(
             wide = max(least, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
             pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (least, wide)))
     return pairs
+
+
+def _likely_regions(
+    frame: RateFrame,
+    mechanisms: Sequence[Mechanism],
+    nulls: Sequence[Evidence],
+    edges: FloatArray | None = None,
+    onsets: Sequence[float] = ONSETS,
+) -> tuple[FloatArray, list[list[tuple[Mechanism, Shape]]]]:
+    """The times that regions are between, and beside each evidence the regions that `acting` takes."""
+    offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
+    several = sum(map(len, offered.values())) > WITH_ONSETS
+    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(frame, COARSE_EDGES), (0,), WITH_ONSETS)]
+    grids = [*grids[: int(several)], (*_fine(frame, onsets), 1)]
+    for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
+        tried = [(m, regions(nulls, frame, m, times, parts, thetas, most=1)) for m, thetas in offered.items()]
+        found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
+        ordered = [sorted(each, key=lambda one: -one[1].peak) for each in found]
+        likely = [_offered(each, count) for each in ordered]
+        best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
+        offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
+    return times, likely
+
+
+def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pair]:
+    """A hypothesis of several mechanisms as it is, and of each mechanism, as it is likeliest `alone`, with the others
+    one after another where they explain most beside it: beside its processes, and beside small ones.
+    """
+    like, found = pair[0], [pair]
+    for first in like.mechanisms:
+        here = alone.get(first.name)
+        for other in like.mechanisms:
+            if here is None or other is first:
+                continue
+            fit, own = here
+            beside = (own, own.beside_small) if own.has_large_processes else (own,)
+            _, likely = _likely_regions(own.rows.frame_of(like), [other], beside)
+            tried = [
+                moved(
+                    problem, fitted(problem, like, (*fit.selected, *_acting_between(other, shape, like.frame)), *beside)
+                )
+                for (_, shape), *_ in filter(None, likely)
+            ]
+            here = likelier(tried) if tried else None
+        found += [here] if here is not None else []
+    return found
 
 
 def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tuple[Mechanism, Shape]]:

@@ -304,8 +304,8 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
     """The fit of the least criterion; of those that are tied that of the fewest mechanisms, the first."""
     found = [fit.information for fit in fits]
     least = min(found)
-    tied = [fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL]
-    return min(tied, key=lambda fit: len(fit.mechanisms))
+    equal = [fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL]
+    return min(equal, key=lambda fit: len(fit.mechanisms))
 
 
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:

@@ -80,6 +80,7 @@ def test_a_joined_hypothesis_of_which_a_part_does_not_act_is_no_rival() -> None:
     assert set(found.verdict.probability) == {"none", "bodyfixed", "other"}
 
 
+C_B = {"C_b cos(phi_b)": 8e-4, "C_b sin(phi_b)": -3e-4}
 LATE = MechanismFile(
     name="late_side",
     title="side moment that is late",
@@ -109,3 +110,25 @@ def test_a_mechanism_that_looks_back_by_a_fixed_time_is_named(tmp_path: Path) ->
     assert leader.ml.status == "converged"
     for term in (leader.terms[0], leader.ml.terms[-1]):  # what begins, and the jump that ends it
         assert abs(abs(term.value) - 0.08) < 3.0 * term.std_error < 0.01
+
+
+@pytest.mark.thorough
+def test_two_mechanisms_at_two_times_are_named_by_their_sum_and_neither_alone() -> None:
+    """Processes made up for the second, by flow of a body-fixed moment: the first was named, too small."""
+    acting = [
+        {"mechanism": "sticking", "terms": {"eps": 0.6}, "theta": {"delay": 0.12}, "start": 1.0, "stop": 2.6},
+        {"mechanism": "bodyfixed", "terms": dict(C_B), "start": 3.6, "stop": 5.0},
+    ]
+    setup = {"base": "research_cone", "mechanisms": acting, "instruments": {"draw": 1.0}}
+    flight = simulate(load_config(setup), seed=6102).flight
+    known = {"maximum_likelihood": "none"}
+    alone = compare(flight, mechanisms=["sticking", "bodyfixed"], **known).verdict
+    assert (alone.winner, alone.outcome, alone.described) == (None, "undecided", "sticking")
+    assert "list their sum" in alone.reason
+    found = compare(flight, mechanisms=["sticking", "bodyfixed", "sticking+bodyfixed"], **known)
+    assert found.verdict.winner == "sticking+bodyfixed"
+    first, last = (each for each in found.ranking[0].intervals if each.acts)
+    assert (first.start_s, first.stop_s, last.start_s, last.stop_s) == pytest.approx((1.0, 2.6, 3.6, 5.0), abs=0.02)
+    true = {"eps": 0.6, **C_B}
+    for each in (*first.values[:1], *(value for value in last.values if value.name in C_B)):
+        assert abs(each.value - true[each.name]) < 4.0 * each.std_error
