@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.tables import CONTRADICTED
 from brv_hypo.report.trace import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
-from brv_hypo.simulation import SimulationConfig, simulate
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.chains import TRIM, traced_trim, trimmed, trimmed_cone
 from tests.shared_data import shared_file
@@ -225,8 +226,31 @@ def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predict
 @pytest.mark.thorough
 def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
-    assert fitted.error.frozen < 1.05 * predicted.error.frozen
+    assert fitted.error.frozen < 1.05 * fitted.error.noise
     assert fitted.frozen == predicted.frozen
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "unchanged"), [(4104, True), (5104, True), (5103, True), (5103, False)])
+def test_what_was_refitted_as_advised_contradicts_nothing_else(seed: int, unchanged: bool) -> None:
+    """Beside a coefficient that is exact, and 1 % off by inertia, errors of the record were 15 tolerances, and another
+    coefficient seemed to differ.
+    """
+    start = {"alpha": 0.035, "windward_meridian": 1.0, "roll_rate": 9.0, "coning_rate": 5.0}
+    size = -12.0 if unchanged else -10.2
+    other = {"mechanism": "magnus", "terms": {"C_npalpha": size}}
+    setup = {"base": "research_cone", "start": start, "aerodynamics": {"C_malpha": -0.1015}, "mechanisms": [other]}
+    flight = simulate(load_config(setup | {"instruments": {"draw": 1.0}}), seed=seed).flight
+    found = predict(flight, magnus_found().model.definition, ("C_malpha", "instruments"))
+    assert found.refused is not unchanged
+    assert found.explained > 0.98
+
+
+@cache
+def magnus_found() -> Trace:
+    """The trace of a flight with magnus, errors of its instruments drawn."""
+    flight = simulate("research_cone", seed=4101, plant=("magnus",), instruments={"draw": 1.0}).flight
+    return trace(flight, effects=["magnus"], discover=False)
 
 
 def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
