@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,6 +22,7 @@ from brv_hypo.cli.session import (
 )
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import write_whole
+from brv_hypo.thresholds import TUMBLING_ALPHA
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
@@ -198,7 +200,7 @@ def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> 
 def fly(
     session: Session, config: str, seed: int | None, plant: tuple[str, ...] = (), draw: float | None = None
 ) -> SimulatedFlight:
-    """Simulate one flight, with a progress bar; a record without any noise is warned of."""
+    """Simulate one flight, with a progress bar; a record without noise and a vehicle that tumbles are warned of."""
     from brv_hypo.simulation import load_config
     from brv_hypo.simulation import simulate as simulated
 
@@ -207,4 +209,11 @@ def fly(
     if chosen.instruments.silent:
         session.warn("no instrument has noise: a comparison of this record says nothing of a real one")
     with session.progress("simulating") as progress:
-        return simulated(chosen, seed=DEFAULT_SEED if seed is None else seed, progress=progress)
+        flown = simulated(chosen, seed=DEFAULT_SEED if seed is None else seed, progress=progress)
+    truth, largest = flown.truth, math.radians(TUMBLING_ALPHA)
+    if beyond := truth.time[truth.alpha > largest].tolist():
+        session.warn(
+            f"the vehicle tumbles: alpha is above {TUMBLING_ALPHA:.0f} deg from {beyond[0]:.3g} s on, and no moment is "
+            "fitted there. Likely cause: what is planted is too large, or acts for too long"
+        )
+    return flown

@@ -283,15 +283,15 @@ def with_far_processes(verdict: Verdict) -> Verdict:
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
-    """The verdict on several flights, with what speaks against a mechanism that it names: a rival whose held-out error,
-    of `ratios` to the baseline's by name, is far smaller.
+    """The verdict on several flights, with what speaks against a mechanism that it names, or describes: a rival whose
+    held-out error, of `ratios` to the baseline's by name, is far smaller.
     """
-    best = min(ratios, key=ratios.__getitem__)
-    if verdict.winner in (None, NONE) or ratios[best] > FAR_BETTER * ratios[verdict.winner]:
+    best, leader = min(ratios, key=ratios.__getitem__), verdict.winner or verdict.described
+    if leader is None or leader == NONE or ratios[best] > FAR_BETTER * ratios[leader]:
         return verdict
     said = (
         f" But {best} predicts held-out blocks far better ({error_share(ratios[best])} of the baseline's error, "
-        f"{verdict.winner} {error_share(ratios[verdict.winner])}): where an event does not come at one Mach number on "
+        f"{leader} {error_share(ratios[leader])}): where an event does not come at one Mach number on "
         "all flights, a joint comparison misses it. Compare each flight by itself."
     )
     return verdict.model_copy(update={"reason": verdict.reason + said})

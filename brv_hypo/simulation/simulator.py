@@ -32,6 +32,8 @@ from brv_hypo.simulation.config import ConfigSource, SimulationConfig, Simulatio
 from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, wind_profile
 from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
 
+FASTEST_TURNING = 1000.0  # rad/s, of any body rate: beyond it a motion diverges
+
 
 class Trajectory:
     """An integrated flight: states (n, 13, 1) and their rates at the nodes passed so far.
@@ -330,7 +332,8 @@ def flown(equations: System, report: Report = silent) -> Trajectory:
         item.check_terms(replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
     with np.errstate(over="ignore", invalid="ignore"):
         trajectory = integrate(equations, state, report)
-    lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
+    turning = np.nan_to_num(np.abs(trajectory.states[:, RATES]), nan=np.inf)
+    lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2)) | np.any(turning > FASTEST_TURNING, axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(
             f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "

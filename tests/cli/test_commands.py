@@ -85,6 +85,12 @@ class TestSimulate:
         done = brv_hypo("simulate", "f.yaml", "-o", "f.h5", cwd=tmp_path)
         assert "no instrument has noise" in done.stderr
 
+    def test_a_vehicle_that_tumbles_is_warned_of(self, brv_hypo, tmp_path):
+        text = "base: research_cone\nduration: 3.0\nmechanisms: [{mechanism: damping, terms: {C_damping: 150.0}}]\n"
+        (tmp_path / "f.yaml").write_text(text)
+        done = brv_hypo("simulate", "f.yaml", "-o", "f.h5", cwd=tmp_path)
+        assert re.search(r"the vehicle tumbles: alpha is above 60 deg from [\d.]+ s on", done.stderr)
+
     def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, brief_config, tmp_path):
         target = tmp_path / "flight.h5"
         target.write_text("mine")

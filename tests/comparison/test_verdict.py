@@ -196,6 +196,8 @@ def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:
     reason = with_better_rival(named, {NONE: 1.0, "lag": 0.9, "damping": 0.03}).reason
     assert "damping predicts held-out blocks far better (3 % of the baseline's error, lag 90 %)" in reason
     assert with_better_rival(said(NULL), {NONE: 1.0, "lag": 0.1}) == said(NULL)
+    described = with_prediction_error(named, 1.3)
+    assert "damping predicts" in with_better_rival(described, {NONE: 1.0, "lag": 1.3, "damping": 0.03}).reason
 
 
 def test_the_baseline_may_be_named() -> None:
