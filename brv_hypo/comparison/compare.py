@@ -43,7 +43,6 @@ from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, s
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import (
-    CREDIBLE_PROBABILITY,
     Candidate,
     Fit,
     judge,
@@ -74,7 +73,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
-from brv_hypo.thresholds import BOUND_COSTS
+from brv_hypo.thresholds import BOUND_COSTS, CREDIBLE_PROBABILITY
 
 # Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.
 LIKELIHOOD_STEPS = 8  # from a good regression 5 or 6 are enough, the record effects among its parameters, or none are

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from brv_hypo.motion.methods import Method
-
-OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (contract of `compare --json`)
+from brv_hypo.thresholds import OTHER_PRIOR
 
 
 class CompareConfig(BaseModel):
@@ -47,8 +46,8 @@ class CompareConfig(BaseModel):
     maximum_likelihood: Literal["quick", "full", "none"] = Field(
         default="quick",
         description="Which hypotheses are refined on the original measurements, with errors of record, vehicle and air "
-        'within their tolerances: those in the credible set ("full"); these, but not on records with warnings or that '
-        'no hypothesis explains ("quick": each takes several seconds); none.',
+        'within their tolerances: the leader and its closest rival in the credible set ("full"); these, but not on '
+        'records with warnings or that no hypothesis explains ("quick": each takes several seconds); none.',
     )
     other_prior: float = Field(
         default=OTHER_PRIOR,

@@ -59,15 +59,12 @@ from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, SPECIFIC
+from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 # Fall of the criterion by which the leader beside processes has to be likelier than the search had it, from which on
 # the search is taken to have missed it: 10 nats.
 SEARCH_MISSED = 20.0
-# Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
-# call an effect reproduced by what holds 90 % of it.
-OUTSIDE = 0.1
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 

@@ -398,8 +398,7 @@ class Comparison(HasCharts, Result):
 
     `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for
     one flight, and where all have the same clock. The `flight` of `functions` counts from 0.
-    `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
-    chosen other terms than the exact one.
+    `disagreements` say where criteria put different hypotheses first.
     """
 
     schema_: str = Field(default="brv-hypo/compare/1", alias="schema")

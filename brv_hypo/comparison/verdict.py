@@ -11,7 +11,6 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.config import OTHER_PRIOR
 from brv_hypo.comparison.result import (
     Adequacy,
     Explained,
@@ -23,13 +22,11 @@ from brv_hypo.comparison.result import (
     percent,
 )
 from brv_hypo.io.text import error_share, hypothesis, number, times
-from brv_hypo.thresholds import NOISE_LEVEL
+from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 # Of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone.
 FAR_BETTER = 0.25
-WINNING_PROBABILITY = 0.9  # posterior from which a hypothesis is named, or none adequate; convention that users quote
-CREDIBLE_PROBABILITY = 0.02  # posterior from which a rival stands beside the leader
 OTHER = "other"
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes stand for something
 NONE = "none"

@@ -21,7 +21,7 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
-from brv_hypo.comparison.verdict import CREDIBLE_PROBABILITY, OTHER
+from brv_hypo.comparison.verdict import OTHER
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
@@ -42,6 +42,7 @@ from brv_hypo.io.text import (
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
+from brv_hypo.thresholds import CREDIBLE_PROBABILITY
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered

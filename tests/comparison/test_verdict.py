@@ -12,12 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.config import OTHER_PRIOR
 from brv_hypo.comparison.result import Explained, ProcessEstimate, RecordError, Verdict, percent
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
-    WINNING_PROBABILITY,
     Candidate,
     Fit,
     decide,
@@ -29,7 +27,7 @@ from brv_hypo.comparison.verdict import (
     with_gaps,
     with_prediction_error,
 )
-from brv_hypo.thresholds import NOISE_LEVEL
+from brv_hypo.thresholds import NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 STRETCHES = 12
 ROWS = 1000

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.judgement import OUTSIDE
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.unmodelled import (
     RATE,
@@ -21,6 +20,7 @@ from brv_hypo.inference.unmodelled import (
 from brv_hypo.mechanisms import Parameter, Term, find
 from brv_hypo.model.term import candidates, theta_grid
 from brv_hypo.motion.motion import Motion
+from brv_hypo.thresholds import OUTSIDE
 from tests.comparison.pulse import problem
 
 
