@@ -260,6 +260,7 @@ STUDIES = (
     "imperfect_study.py",
     "test_near_zero.py",
     "test_verdicts.py",
+    "two_mechanisms.py",
     "units_study.py",
     "test_bent_aerodynamics.py",
     "test_coloured_noise.py",
