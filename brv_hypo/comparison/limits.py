@@ -20,7 +20,7 @@ from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.registry import nuisance_effects
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -75,8 +75,7 @@ def limits(
     """
     rows = evidence.rows
     frame = rows.frame_of(leader)
-    whole, columns, values = with_processes(evidence, frame, leader.columns, leader.values)
-    moment = float(np.sqrt(np.mean(np.abs(whole.moments(columns) @ values) ** 2)))
+    moment = _whole_moment(evidence, frame, leader)
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     whole_record = np.ptp(frame.coefficient_time)
     known: dict[str, float] = {}
@@ -110,6 +109,18 @@ def limits(
         else MechanismLimit(mechanism=name)
         for name, share in shares.items()
     )
+
+
+def _whole_moment(evidence: Evidence, frame: RateFrame, leader: HypothesisFit) -> float:
+    """The rms moment of the leader, of processes, and of the vehicle within its tolerances."""
+    whole, columns, values = with_processes(evidence, frame, leader.columns, leader.values)
+    own, always = nuisance_mechanisms(frame.reconstructions[0].flight), TimeBasis("constant")
+    items, names = evidence.rows.problem.rows.nuisances.items, {mechanism.name for mechanism in own}
+    for item, error in zip(items, evidence.errors.tolist(), strict=True):
+        if item.name in names:
+            columns.append(Regressor(item.name, item.component, (), always, item.units, flight=item.flight))
+            values = np.append(values, item.whole(error))
+    return float(np.sqrt(np.mean(np.abs(whole.with_mechanisms(own).moments(columns) @ values) ** 2)))
 
 
 def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float) -> tuple[float, float, float]:
