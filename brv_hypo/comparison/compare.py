@@ -64,7 +64,7 @@ from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
-from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested
+from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested, stated_processes
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
@@ -158,7 +158,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
-    verdict = with_far_processes(verdict)
+    verdict = with_far_processes(verdict, stated_processes())
     if len(flights) > 1:
         verdict = with_better_rival(verdict, ratios)
     selected = clock.perf_counter()

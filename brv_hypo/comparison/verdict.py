@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -262,12 +262,12 @@ def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
     return _described(verdict, best, f"{verdict.reason}{cause} Beside it, {far}: check that first.")
 
 
-def with_far_processes(verdict: Verdict) -> Verdict:
-    """The verdict, where a process of the moment is far beyond an ordinary size beside a mechanism that it names,
-    without that name: what moves the vehicle so may be what the mechanism describes.
+def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdict:
+    """The verdict, where a process of the moment, but for those that a user has `stated`, is far beyond an ordinary
+    size beside a mechanism that it names, without that name: what moves the vehicle so may be what that describes.
     """
     best = verdict.winner or verdict.described
-    far = [each for each in verdict.processes if each.is_far and each.is_of_moment]
+    far = [each for each in verdict.processes if each.is_far and each.is_of_moment and each.name not in stated]
     if best in (None, NONE) or not far:
         return verdict
     cause = f" It {NO_CAUSE}." if verdict.described is None else ""

@@ -304,6 +304,11 @@ def record_processes() -> tuple[RecordProcess, ...]:
     return tuple(item for item in _nuisances() if isinstance(item, RecordProcess))
 
 
+def stated_processes() -> frozenset[str]:
+    """Names of the processes of the moment that a user states: those of other distributions and of files."""
+    return frozenset(each.name for each in moment_processes() if installed()[each.name].package != OWN)
+
+
 def moment_processes() -> tuple[MomentProcess, ...]:
     """The processes of the moment that are part of every hypothesis."""
     return tuple(item for item in _nuisances() if isinstance(item, MomentProcess))

@@ -179,6 +179,7 @@ def test_beside_processes_far_beyond_their_ordinary_size_nothing_is_named() -> N
         found = named.model_copy(update={"processes": (large.model_copy(update=about),)})
         verdict = with_far_processes(found)
         assert (verdict == found) is keeps
+        assert with_far_processes(found, [name]) == found
         if not keeps:
             assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
             assert "It is no established cause. Beside it processes are far beyond" in verdict.reason
