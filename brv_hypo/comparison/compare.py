@@ -249,8 +249,8 @@ def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:
 
 
 def _impossible(fit: HypothesisFit, gain: float) -> str | None:
-    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost, what
-    a nat counts as in its errors.
+    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost; the
+    `gain` is weighed, as the fit's errors are.
     """
     excess = out_of_bounds(fit)
     return None if excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words

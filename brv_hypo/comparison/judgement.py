@@ -211,13 +211,14 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
         if pairs[place][0].selected:
             offered[place] = in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *map(level, offered[place]))
-    least, alone = max(level(likelier(some)) for some in offered) - OUT_OF_REACH, dict[str, Pair]()
-    found = list(pairs)
+    found, alone = [likelier(some) for some in offered], dict[str, Pair]()
+    least = max(map(level, found)) - OUT_OF_REACH
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
-        some, count = offered[place], len(pairs[place][0].mechanisms)
-        some = together(problem, pairs[place], alone) if count > 1 else some
-        found[place] = best_of = likelier(some)
-        if count == 1 and best_of[0].selected:
+        some, best_of = offered[place], found[place]
+        if len(pairs[place][0].mechanisms) > 1:
+            some = together(problem, pairs[place], alone)
+            found[place] = best_of = likelier(some)
+        elif best_of[0].selected:
             alone[best_of[0].name] = best_of
         if best_of[0].selected and level(best_of) > least:
             found[place] = plainest(problem, some, null)

@@ -267,7 +267,7 @@ def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArra
     columns = fit.model.columns
     design, values, free = _freed(fit, tuple(column.mechanism for column in columns)).all_unknowns
     variances, directions = np.linalg.eigh(covariance)
-    inverse = (directions / np.sqrt(np.maximum(variances, _CUTOFF * variances[-1]))).T
+    inverse = (directions / np.sqrt(np.maximum(variances, _CUTOFF * variances.max(initial=0.0)))).T
     prior = np.zeros((known.size, design.shape[1]))
     prior[:, known] = inverse
     response = fit.problem.raw_response - design @ np.where(free, 0.0, values)

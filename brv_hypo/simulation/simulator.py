@@ -332,8 +332,8 @@ def flown(equations: System, report: Report = silent) -> Trajectory:
         item.check_terms(replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
     with np.errstate(over="ignore", invalid="ignore"):
         trajectory = integrate(equations, state, report)
-    turning = np.nan_to_num(np.abs(trajectory.states[:, RATES]), nan=np.inf)
-    lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2)) | np.any(turning > FASTEST_TURNING, axis=(1, 2))
+    slow = np.all(np.abs(trajectory.states[:, RATES]) <= FASTEST_TURNING, axis=(1, 2))
+    lost = ~(slow & np.all(np.isfinite(trajectory.states), axis=(1, 2)))
     if np.any(lost):
         raise UnanswerableError(
             f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "

@@ -40,7 +40,7 @@ from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
-UNSTABLE_SIGMAS = 3.0  # of the worst of two dozen places: at 5 % (Bonferroni)
+UNSTABLE_SIGMAS = 3.0  # of the worst of 32 places (`REPORTED_SLOPES`): at 5 % (Bonferroni)
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
 REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
