@@ -23,6 +23,7 @@ from brv_hypo.comparison.diagnostics import (
     diagnostics,
     events_apart,
     events_unreached,
+    far_beside_small,
     motions_beside,
     with_errors_of_processes,
 )
@@ -185,6 +186,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)
+    elif instead := far_beside_small(beside, verdict.processes):
+        warnings = (*warnings, instead)
     sized = best_by_size(problem, fits, criteria[beside.null])
     events = (*events_unreached(comparison), *events_apart(beside))
     about = {"best_by_size": sized, "warnings": (*events, *delays_at_bounds(fits[beside.leader]), *warnings)}

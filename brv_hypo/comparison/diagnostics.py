@@ -12,7 +12,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.preparation import APART_SIGMAS
-from brv_hypo.comparison.result import Comparison, Knot, RecordError, Series, SizedModel
+from brv_hypo.comparison.result import Comparison, Knot, ProcessEstimate, RecordError, Series, SizedModel, far_beyond
 from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.identification import Estimate, Identification
 from brv_hypo.identification.parameters import NonlinearParameter
@@ -146,6 +146,16 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
         if items[k].stated
     ]
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
+
+
+def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> str:
+    """An error of record or vehicle that would be far beyond its tolerance if no process of the moment were above its
+    ordinary size, in a sentence: those that are may stand for it, as a cross-damping moment for a ratio of inertias.
+    """
+    own = judged.evidences[judged.leader]
+    large = [each.name for each in processes if each.is_of_moment and each.size > each.tolerance]
+    far = far_beyond(record_errors(own.beside_small, judged.weight)) if large else ""
+    return f"With {', '.join(large)} of no more than ordinary size, {far}: check which it is." if far else ""
 
 
 def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:

@@ -18,6 +18,7 @@ import yaml
 from jinja2 import Environment, PackageLoader
 
 from brv_hypo import thresholds as limits
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import plausibility as physics
 from brv_hypo.flight.derived import atmosphere
@@ -291,7 +292,8 @@ def _written(table: ForeignTable) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
     tables = [table, *table.recorders, *([table.vehicle] if table.vehicle else [])]
     channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
-    missing = _missing(channels)
+    climbs = {"altitude", "ax"} <= set(channels) and _rises(table.values("altitude"))
+    missing = _missing(channels, climbs)
     vehicle = {n: e for n, e in table.vehicle.entries.items() if n in VEHICLE_DIMENSIONS} if table.vehicle else {}
     unknown = [name for name in VEHICLE_DIMENSIONS if name not in vehicle]
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION]
@@ -317,7 +319,7 @@ def _written(table: ForeignTable) -> Guess:
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
         no_position=_NO_POSITION,
-        ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
+        ascends="velocity" not in channels and climbs,
         degrees=np.degrees,
         turned=bool(physics.mounting_fault(time, table.tilt)),
         rate=rate if rate > SLOWEST_FAST and time.size > MANY_SAMPLES else None,
@@ -335,13 +337,20 @@ def _flow(entry: MapEntry, more: str = "") -> str:
     return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{offset}{more}}}"
 
 
-def _missing(channels: Collection[str]) -> list[str]:
+def _rises(altitude: FloatArray) -> bool:
+    """Whether a vehicle climbs in the record, as the derivation of its speed from altitude needs."""
+    known = altitude[np.isfinite(altitude)]
+    return known.size > 0 and known.max() - known[0] > 0.5 * np.ptp(known)
+
+
+def _missing(channels: Collection[str], climbs: bool) -> list[str]:
     """What format 1 needs and no column was found for."""
     lacking = [f"no column was found for {name}" for name in INERTIAL_CHANNELS if name not in channels]
-    if "velocity" not in channels and not {"altitude", "ax"} <= set(channels):
+    if "velocity" not in channels and not climbs:
+        no = "the altitude of no climb" if "altitude" in channels else "none for altitude"
         lacking.append(
-            "no column was found for velocity, and none for altitude, from which a climb would give it: if another "
-            "recorder has one, name its file too"
+            f"no column was found for velocity, and {no}, from which a climb would give it: enter one that is not "
+            "used, or name another recorder's file too"
         )
     if not {"dynamic_pressure", "density", "altitude"} & set(channels):
         lacking.append("no column was found for dynamic_pressure, density or altitude: one of them is needed")

@@ -34,7 +34,8 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
 # Words that stand for a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
 # must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
-    "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",)),
+    "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",),
+             ("gmt",), ("utc",)),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
     "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll"), *_as_rate("roll")),
     "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch"), *_as_rate("pitch")),
@@ -44,7 +45,8 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
     "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
                          ("pdyn",), ("dynpress",), ("q", "psf"), ("q", "pa"), ("q", "kpa"), ("q", "psi")),
-    "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",)),
+    "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",),
+                 ("vt",), ("v", "t"), ("vinf",), ("vair",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",), ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),

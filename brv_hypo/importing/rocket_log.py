@@ -267,8 +267,8 @@ def _climb(
     if np.count_nonzero(both) < ASCENT_FEWEST:
         raise UsageError(
             f"derive/velocity: ax and altitude are both known at {np.count_nonzero(both)} samples, expected at least "
-            f"{ASCENT_FEWEST}. Likely cause: the recorders' clocks do not overlap. Remedy: correct offset or align of "
-            "the second recorder's time."
+            f"{ASCENT_FEWEST} of a climb. Likely cause: the altitude falls from the first sample on, as on an entry, "
+            "or two recorders' clocks do not overlap. Remedy: map the column of velocity, or correct that offset."
         )
     known = np.isfinite(ax)
     first = time[both][0] if rest is None else max(rest.stop_s, time[known][0])
