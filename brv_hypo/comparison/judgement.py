@@ -37,7 +37,8 @@ from brv_hypo.comparison.with_processes import (
     widened,
     with_its_evidence,
 )
-from brv_hypo.inference.derivatives import as_planted, moment_of_process
+from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
+from brv_hypo.inference.derivatives import as_planted, moment_of_process, with_processes
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     SEARCH_OUT_OF_REACH,
@@ -62,9 +63,6 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-# Fall of the criterion by which the leader beside processes has to be likelier than the search had it, from which on
-# the search is taken to have missed it: 10 nats.
-SEARCH_MISSED = 20.0
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
@@ -124,8 +122,8 @@ def judged(
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
-    Where `_another_point` is better, the record is linearised about that once more; that is kept unless its leader's
-    residual is larger by more than noise scatters.
+    Where another leads there, or its residual is more than noise, the record is linearised about that beside its
+    processes once more; that is kept where its residual is less, of another leader unless larger by more than noise scatters.
     """
 
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
@@ -143,17 +141,32 @@ def judged(
         if found is not None and _under_noise(found[0], found[3]) + price < _under_noise(shared, point):
             shared, settings, fits, point = found
 
-    def about(problem: Problem, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-        say(f"linearising about {hypothesis(point.name)}")
-        whole, there = linearised_about(problem, point, settings, config)
-        return _beside_processes(whole, there, point, _linearised(there, fits))
+    def about(problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint) -> Judged:
+        say(f"linearising about {hypothesis(fit.name)}")
+        whole, there = linearised_about(problem, at, settings, config)
+        return _beside_processes(whole, there, fit, _linearised(there, fits))
 
-    first = about(shared, point, fits)
-    another = _another_point(shared, first, point, config.refine)
-    if another is None:
+    first = about(shared, point, fits, point_of(shared, point.frame, point.columns, point.mechanisms))
+    leader = likeliest(first.fits)
+    same = leader.name == point.name
+    if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
         return first
-    second = about(*another, first.fits)
-    return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
+    second = about(first.problem, leader, first.fits, _point_beside(first))
+    scatter = 0.0 if same else (2.0 * second.rows.size) ** -0.5
+    return second if second.misfit < first.misfit * (1.0 + scatter) else first
+
+
+def _point_beside(found: Judged) -> LinearisationPoint:
+    """The leader with its processes of the moment, and the errors beside all processes, of which those of the record
+    stay linear: without them, errors make up for what they make, and the motion is another.
+    """
+    own, fit = found.evidences[found.leader], found.fits[found.leader]
+    problem, drifts = own.rows.problem, {each.name for each in record_processes()}
+    frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
+    found_errors = within_reach(problem, problem.others_beside(frame, columns, values))
+    errors = tuple({key: value for key, value in each.items() if key[0] not in drifts} for each in found_errors)
+    mechanisms = tuple(frame.mechanisms[name] for name in dict.fromkeys(c.mechanism for c in columns))
+    return LinearisationPoint(mechanisms, tuple(columns), values, errors)
 
 
 def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
@@ -161,22 +174,6 @@ def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
     noise = problem.rows.noise
     levels = math.log(noise.rates.sigma**2) + math.log(noise.force.sigma**2)
     return fit.information + problem.efficiency * problem.rows.rates * levels
-
-
-def _another_point(
-    shared: Problem, found: Judged, point: HypothesisFit, refine: bool
-) -> tuple[Problem, HypothesisFit] | None:
-    """The problem and the fit to linearise about once more: another leader's than at the point; or the same leader's,
-    where its residual is more than noise and it explains the record far better than as the search on the grid had it.
-    """
-    leader = likeliest(found.fits)
-    if leader.name != point.name:
-        return found.problem, self_consistent(found.problem, leader)
-    if not refine or found.misfit < 1.0 + NOISE_LEVEL[1]:
-        return None  # on the grid alone, the search misses what lies between; a residual as of noise lacks nothing
-    again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
-    again = self_consistent(shared, again)
-    return (shared, again) if again.information <= point.information - SEARCH_MISSED else None
 
 
 def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:

@@ -13,7 +13,7 @@ from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.inspection import FILTERED, low_passed
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying, point_of
+from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, self_consistent
 from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
@@ -208,14 +208,13 @@ def _bend_of(problem: Problem) -> StaticBend:
 
 
 def linearised_about(
-    problem: Problem, fit: HypothesisFit, settings: Settings, config: CompareConfig
+    problem: Problem, point: LinearisationPoint, settings: Settings, config: CompareConfig
 ) -> tuple[Problem, Problem]:
-    """The problem linearised about a fit of it, errors that the fit finds taken out of the records.
+    """The problem linearised about a point of it, errors that were found there taken out of the records.
 
     With the processes of record and air, under white noise; and without, under the noise beside the fit's model. Where
     a record has no motion left without its errors, the records are linearised as they read.
     """
-    point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
     try:
         records = _without_errors(settings, point)
     except UnanswerableError:

@@ -98,11 +98,11 @@ def point_of(
 ) -> LinearisationPoint:
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
-    errors = _within_reach(problem, others)
+    errors = within_reach(problem, others)
     return LinearisationPoint(mechanisms, columns, values, errors)
 
 
-def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
+def within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
     """Fitted errors (unknowns,) in SI, one mapping a flight; scaled down to where their tolerances make them probable.
 
     A moment that is not in the model yet poses as errors of many tolerances; the record without them is another flight.
