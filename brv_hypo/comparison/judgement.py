@@ -123,7 +123,7 @@ def judged(
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
     Where another leads there, or its residual is more than noise, the record is linearised about that beside its
-    processes once more; that is kept where its residual is less, of another leader unless larger by more than noise scatters.
+    processes once more; that is kept where its residual is less, of another leader where not surely larger.
     """
 
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:

@@ -85,7 +85,7 @@ def limits(
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
             size, error, most = _fitted(leader, frame, evidence.covariance / weight, scale)
-            known[mechanism.name] = min(most / moment, 1.0)
+            known[mechanism.name] = most / moment
             fitted = {"share_of_moment": size / moment, "share_std_error": error / moment}
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
@@ -128,7 +128,8 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
     lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
-    scatters over stretches of time. `scale`: its relative variance by pressure and inertia.
+    scatters over stretches of time; of a knot that is not surely placed as far as its interval reaches. `scale`: its
+    relative variance by pressure and inertia.
     """
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
     columns = [frame.moments(fit.selected)]
@@ -140,6 +141,11 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
     if fit.left_out is not None:
         slopes = (made.conj().T @ (made @ at_mode)).real  # of half the squares
         covariance = covariance * fit.left_out.scatter(np.append(np.zeros(first), slopes)[np.newaxis]) ** 2
+    within, count = np.ones(covariance.shape[0]), covariance.shape[0] - len(fit.nonlinear)
+    for k, (parameter, error) in enumerate(zip(fit.nonlinear, fit.nonlinear_errors, strict=True), start=count):
+        if parameter.kind == "knot":
+            within[k] = min(1.0, error / max(math.sqrt(covariance[k, k]), 1e-300))
+    covariance = covariance * np.outer(within, within)
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))

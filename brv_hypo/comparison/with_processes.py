@@ -45,6 +45,7 @@ COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, a
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
 WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
+UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -432,12 +433,14 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
 
 
 def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
-    """What is to be added to the covariance of coefficients, knots and delays for how delays differ from linear.
+    """What is to be added to the covariance of coefficients, knots and delays for how delays and knots that are not
+    surely placed differ from linear.
 
     A delay and what is multiplied by it make up for one another along a curve, on which the delay may be shorter than
-    any that is searched. Each errs by the larger of what it does linearly and at the ends of the delay's interval,
-    where the evidence, a nat of which counts as `weight`, has fallen by a half (a likelihood interval: Meeker and
-    Escobar, Am. Stat. 49, 1995); a coefficient by no more than its bounds are wide.
+    any that is searched; a knot in a gap, or where its moment passes through zero, moves nothing at first. Each errs by
+    what it does at the ends of the interval where the evidence, a nat of which counts as `weight`, has fallen by a half
+    (a likelihood interval: Meeker and Escobar, Am. Stat. 49, 1995), with a delay no less than linearly; a coefficient
+    by no more than its bounds are wide.
     """
     (fit, own), count = pair, len(pair[0].columns)
     bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
@@ -445,20 +448,23 @@ def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     for j, column in enumerate(fit.selected, start=fit.baseline_size):
         low, high = bounds[column.mechanism].get(column.term, (-np.inf, np.inf))
         widths[j] = high - low
-    covariance = own.covariance / weight
+    covariance, step = own.covariance / weight, max(record.flight.step for record in problem.records)
     for k, parameter in enumerate(fit.nonlinear):
-        if parameter.kind == "theta":
-            linear = covariance[:, count + k] / np.sqrt(covariance[count + k, count + k])
-            ends = [_end_of_interval(problem, pair, k, sign * abs(linear[count + k]), weight) for sign in (1.0, -1.0)]
-            sizes = np.maximum(np.abs(linear), np.minimum(np.max(np.abs(ends), axis=0), widths))
-            along = np.copysign(sizes, linear)
-            covariance = covariance + np.outer(along, along) - np.outer(linear, linear)
+        linear = covariance[:, count + k] / np.sqrt(covariance[count + k, count + k])
+        sigma, delays = abs(linear[count + k]), parameter.kind == "theta"
+        if not delays and (parameter.kind != "knot" or sigma < UNSURE_STEPS * step):
+            continue
+        first = sigma if delays else sigma / AFTER_ERRORS[-1]
+        ends = [_end_of_interval(problem, pair, k, sign * first, weight) for sign in (1.0, -1.0)]
+        sizes = np.minimum(np.max(np.abs(ends), axis=0), widths)
+        along = np.copysign(np.maximum(np.abs(linear), sizes) if delays else sizes, linear)
+        covariance = covariance + np.outer(along, along) - np.outer(linear, linear)
     return np.asarray(covariance - own.covariance / weight)
 
 
 def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, weight: float) -> FloatArray:
-    """By how much coefficients, knots and delays change to where the evidence has fallen by a half as one delay grows,
-    or becomes shorter (`sigma` < 0): between the values tried as the root of the fall.
+    """By how much coefficients, knots and delays change to where the evidence has fallen by a half as one delay or knot
+    grows, or becomes less (`sigma` < 0): between the values tried as the root of the fall.
     """
     (fit, own), count = pair, len(pair[0].columns)
     parameter, free = fit.nonlinear[number], [len(fit.selected) + number]
@@ -466,7 +472,8 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
     level = own.level_without(free)
     before, change = 0.0, np.zeros(at_mode.size)
     for doublings, times in enumerate(AFTER_ERRORS, start=1):
-        value = min(max(parameter.value + times * sigma, parameter.value * 0.5**doublings), parameter.bounds[1])
+        least = parameter.value * 0.5**doublings if parameter.kind == "theta" else parameter.bounds[0]
+        value = min(max(parameter.value + times * sigma, least), parameter.bounds[1])
         there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
         after = math.sqrt(max(2.0 * weight * (level - other.level_without(free)), 0.0))
         at = other.values_without(free)[:count]
@@ -474,7 +481,7 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
         if after > 1.0:
             return np.asarray(change + (1.0 - before) / (after - before) * (further - change))
         before, change = after, further
-        if value == parameter.bounds[1]:
+        if value in parameter.bounds:
             break
     return change
 

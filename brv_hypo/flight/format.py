@@ -418,9 +418,18 @@ FlightSource = str | Path | Flight | HoldsFlight
 
 
 def one_flight(source: FlightSource) -> Flight:
-    """The flight of a path, a `Flight` or a simulated flight. Raises UsageError for anything else."""
+    """The flight of a path, a `Flight` or a simulated flight.
+
+    Raises UsageError for anything else, and FlightRecordError for a Flight with values that are not finite.
+    """
     flight = load_flight(source) if isinstance(source, str | Path) else getattr(source, "flight", source)
     if isinstance(flight, Flight):
+        used = np.concatenate([np.arange(*segment) for segment in flight.segments])
+        for name, values in flight.arrays().items():
+            if not np.all(np.isfinite(values[used])):
+                raise refusal(
+                    name, "values that are not finite", "finite ones", "a Flight changed in memory", "save and load it"
+                )
         return flight
     raise UsageError(
         f"got {type(source).__name__} for a flight, expected the path of a record, a Flight or a simulated flight."

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from brv_hypo import simulate
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.intervals import intervals
 from brv_hypo.comparison.limits import _every_region
 from brv_hypo.comparison.with_processes import with_its_evidence
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.model.term import Regressor, TimeBasis
 from tests.chains import judged_cone
@@ -119,3 +122,22 @@ def test_a_region_that_comes_on_holds_as_much_as_one_that_jumps() -> None:
         assert not np.any(own[last:])
         assert own.sum() == pytest.approx(last - first)
         assert np.count_nonzero((own > 0.0) & (own < 1.0)) == width
+
+
+@pytest.mark.thorough
+def test_one_in_a_gap_errs_by_as_much_as_the_gap_hides(tmp_path: Path) -> None:
+    """There it moves nothing, so that its linear error has no bound."""
+    flight = simulate("research_cone", seed=1, plant=["bodyfixed"]).flight
+    rate = flight.q.copy()
+    rate[300:420] = np.nan  # 1.5 to 2.1 s; the moment acts from 2 to 4 s
+    gap, record = replace(flight, q=rate), tmp_path / "gap.h5"
+    with pytest.raises(FlightRecordError, match="not finite"):
+        compare(gap)
+    gap.save(record)
+    found = compare(record, CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood="none"))
+    onset, end = (each for each in found.ranking[0].derived if each.name == "bodyfixed knot")
+    assert 0.1 < onset.std_error < 0.6
+    assert abs(onset.value - 2.0) < 2.0 * onset.std_error
+    assert end.std_error < 0.01
+    limit = next(each for each in found.verdict.limits if each.mechanism == "bodyfixed")
+    assert limit.share_std_error < 0.1 * limit.share_of_moment
