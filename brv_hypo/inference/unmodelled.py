@@ -55,6 +55,16 @@ def _harmonic(power: int, turns: int) -> Shape:
     return shape
 
 
+def _lobed(factor: complex) -> Shape:
+    """Of the windward plane, or across it, as of a body that is no circle in section: twice a turn of the meridian."""
+
+    def shape(motion: Motion) -> tuple[ComplexArray, ...]:
+        turned = motion.alpha * np.exp(2j * motion.windward_meridian)
+        return factor * turned.real, factor * turned.imag
+
+    return shape
+
+
 def _rate(factor: complex) -> Shape:
     """In proportion to the transverse rates, or to them a quarter turn on."""
     return lambda motion: (np.asarray(factor * motion.plane_rates, dtype=complex),)
@@ -73,6 +83,8 @@ _UNUSUAL: dict[str, Shape] = {
     "nonlinear side moment": _power(2, 1j),
     "cross damping": _rate(1j),
     "two-fold": _harmonic(1, 2),
+    "two-lobed in plane": _lobed(1.0),
+    "two-lobed side moment": _lobed(1j),
     "three-fold": _harmonic(2, 3),
 }
 _SHAPES = {**_ORDINARY, **_UNUSUAL}

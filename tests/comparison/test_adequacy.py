@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import pytest
 
 from brv_hypo import compare, simulate
 from brv_hypo.comparison.judgement import Alternative, outside
-from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms import find, use_plugin_files
 from tests.comparison.test_judgement import judged_cone
 
 
@@ -76,3 +77,40 @@ def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None
         found = compare(each, mechanisms=["bodyfixed"], maximum_likelihood="none")
         said = [text for text in found.warnings if "inertia_ratio" in text]
         assert bool(said) is wrong
+
+
+TWO_LOBED_SIDE = '''
+import numpy as np
+from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+
+
+class TwoLobedSide(Mechanism):
+    """A side moment that is zero along two lines of the body."""
+
+    name, title, claims, source = "two_lobed_side", "two-lobed side moment", "sin(2 phi)", "a section that is no circle"
+
+    def terms(self, motion, theta):
+        """Across the plane."""
+        side = motion.alpha * np.sin(2.0 * motion.windward_meridian)
+        return (Term("k", 0.0 * side, side),)
+
+
+@hookimpl
+def brv_hypo_mechanisms():
+    return [TwoLobedSide()]
+'''
+
+
+@pytest.mark.thorough
+def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(tmp_path: Path) -> None:
+    """Mechanisms on the list describe parts of it beside processes; none may lead."""
+    path = tmp_path / "two_lobed_side.py"
+    path.write_text(TWO_LOBED_SIDE)
+    use_plugin_files([path])
+    planted = [{"mechanism": "two_lobed_side", "terms": {"k": 0.01}, "start": 1.7, "stop": 4.2}]
+    flown = simulate("research_cone", seed=51, mechanisms=planted, instruments={"draw": 1.0})
+    use_plugin_files([])
+    verdict = compare(flown, maximum_likelihood="none").verdict
+    assert verdict.outcome == "none adequate"
+    assert verdict.probability["other"] > 0.9
+    assert "two-lobed side moment" in verdict.reason
