@@ -14,6 +14,7 @@ at a frequency f, the difference of measured and modelled moment has 1 - (f_n / 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
@@ -52,7 +54,7 @@ from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.final_model import pair
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
-from brv_hypo.tracing.result import TRACED_SMALLEST, Trace, TraceConfig, TraceSettings
+from brv_hypo.tracing.result import TRACED_SMALLEST, ModelSummary, Trace, TraceConfig, TraceSettings
 
 # Held by `tests.studies.independent.sisters`: what the frozen model explains, and what its band holds.
 BAND_SIGMAS = 1.96  # standard deviations on either side of the prediction
@@ -70,14 +72,15 @@ INSTRUMENTS = "instruments"  # what `refit` calls all errors of record and vehic
 
 @takes_settings(
     TraceConfig,
-    model="Trace, SavedModel, str or Path\n    What `trace` returned, the model of it, or a file that holds either.",
-    refit="sequence of str\n    What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of "
-    "the record;\n    `instruments` stands for all of these, within their tolerances.",
+    model="Trace, its `model`, SavedModel, str or Path\n    What `trace` returned, the model of it, or a file that "
+    "holds either.",
+    refit="str or sequence of str\n    What belongs to this vehicle and is fitted here: mechanisms, coefficients, "
+    "errors of the record;\n    `instruments` stands for all of these, within their tolerances.",
 )
 def predict(
     flight: FlightSource,
-    model: Trace | SavedModel | str | Path,
-    refit: Sequence[str] = (),
+    model: Trace | ModelSummary | SavedModel | str | Path,
+    refit: Sequence[str] | str = (),
     config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     progress: Progress | None = None,
@@ -105,7 +108,11 @@ def predict(
     True
     """
     report_to(progress)(0.0, "predicting the moments")
-    saved = model.model.definition if isinstance(model, Trace) else model
+    summary = model.model if isinstance(model, Trace) else model
+    saved = summary.definition if isinstance(summary, ModelSummary) else summary
+    if not isinstance(saved, SavedModel | str | Path):
+        raise UsageError(f"got {type(saved).__name__} for a model, expected what `trace` returned, or a file of it.")
+    refit = refit.split(",") if isinstance(refit, str) else refit
     path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
     content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
     record = one_flight(flight)
@@ -143,7 +150,7 @@ def _predict(
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
-    change, difference, differs = None, None, False
+    change, difference, differs, misfit = None, None, False, float("nan")
     covariance[np.ix_(known, known)] = known_by
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
@@ -153,7 +160,9 @@ def _predict(
         better = max(alone, beside.null, key=lambda each: each.level)
         difference = find_difference(better, columns, fixed, both)
         differs = difference is not None and difference.p_value < REFUSED
-        change = find_local_change(fixed_within(alone, columns, fixed, both))
+        within_both = fixed_within(alone, columns, fixed, both)
+        change = find_local_change(within_both)
+        misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
         if change is not None and difference is not None and differs:
             # Nothing changes between two times where nothing does beside the coefficient that differs throughout.
             same = [k for k, j in enumerate(known) if columns[j].term != difference.term]
@@ -178,6 +187,7 @@ def _predict(
         local_change=change,
         difference=difference,
         refused=change is not None or differs,
+        misfit=misfit,
         left_out=left_out,
         own_record=here,
         reason="",
@@ -189,6 +199,11 @@ def _predict(
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
     said = reason(found, of_own, rest, freely, ",".join((*refit, *more)) if more else "")
     return found.model_copy(update={"reason": said})
+
+
+def _misfit(own: Evidence, gain: float = 0.0) -> float:
+    """The rms residual over the record's noise, a term of this F-ratio taken out."""
+    return own.noise * own.rows.noise_ratio * math.sqrt(max(1.0 - gain / own.rows.size, 0.0))
 
 
 # ---- The frozen model on this flight ----

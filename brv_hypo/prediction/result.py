@@ -6,20 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
+from scipy.stats import norm
 
 from brv_hypo.comparison.result import FlightSummary, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
-from brv_hypo.thresholds import REFUSED
+from brv_hypo.thresholds import NOISE_LEVEL, REFUSED
 
 # Held by `tests.studies.independent.sisters`.
 PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights flew, from which nothing is said of it
 # Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the share of the moments' mean square below which the frozen model's is small enough to need none.
+# the noise's mean squares below which the frozen model's is small enough to need none.
 PREDICTED_GREATLY = 0.5
-PREDICTED_SMALL = 0.01
+PREDICTED_SMALL = 4.0
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
 PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which a model's residual where it was found is reported
 
@@ -114,7 +115,8 @@ class Prediction(HasCharts, Result):
     `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
     `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
     coefficient is frozen, is more than chance makes it.
-    `own_record`: the model was estimated from this very record, so that nothing is tested.
+    `misfit`: the rms residual over the noise, beside processes and with coefficients as this flight has them; NaN where
+    nothing is tested. `own_record`: the model was estimated from this very record, so that nothing is tested.
     `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
     the flight's record found.
     """
@@ -133,6 +135,7 @@ class Prediction(HasCharts, Result):
     local_change: LocalChange | None = None
     difference: Difference | None = None
     refused: bool = False
+    misfit: float = float("nan")
     left_out: tuple[str, ...] = ()
     own_record: bool = False
     reason: str
@@ -176,7 +179,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     (`freed`); `remedy` is what `--refit` would name as well for that.
     """
     band, noise, helps = found.band, found.error.noise, ""
-    much = left > PREDICTED_SMALL and freed < PREDICTED_GREATLY * left
+    much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
             f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
@@ -205,7 +208,19 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
             "the model was found at, and are not counted in these shares."
         )
-    return said + _contradicted(found.difference) + _changed(found.local_change) + helps + _without(found.left_out)
+    differs = _contradicted(found.difference) + _changed(found.local_change)
+    return said + (_lacking(found.misfit) or differs) + helps + _without(found.left_out)
+
+
+def _lacking(misfit: float) -> str:
+    """What no coefficients of this model explain, and what to do; empty where the residual may be noise."""
+    if not norm.sf((misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED:
+        return ""
+    return (
+        f" Beside processes and with coefficients of its own, this flight's residual is still {misfit:.2g} times the "
+        "noise: something acts that the model lacks, and a coefficient that differs may only stand for it. "
+        "`brv-hypo compare` on this flight tells more."
+    )
 
 
 def _contradicted(difference: Difference | None) -> str:

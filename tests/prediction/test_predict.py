@@ -315,3 +315,23 @@ def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flig
     assert document.conclusion == f"{CONTRADICTED} {turned.reason}"
     (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
     assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]
+
+
+def test_the_model_may_be_what_trace_returned_or_its_part_and_what_is_refitted_one_text(
+    traced: Trace, sister: Flight, predicted: Prediction
+) -> None:
+    found = predict(sister, traced.model, "trim")
+    assert (found.ratio, found.refitted) == (predicted.ratio, predicted.refitted)
+    with pytest.raises(UsageError, match="got int for a model"):
+        predict(sister, 3)  # type: ignore[arg-type]
+
+
+@pytest.mark.thorough
+def test_an_event_that_the_model_lacks_is_no_difference_of_a_coefficient(traced: Trace) -> None:
+    """C_mq differed by 22 of its standard errors where a moment fixed in the body began."""
+    flown = simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5, plant=["bodyfixed"]).flight
+    found = predict(flown, traced.model, ("trim",))
+    assert found.misfit > 1.3
+    assert "something acts that the model lacks" in found.reason
+    assert "contradicts the model" not in found.reason
+    assert "differs most" not in found.reason
