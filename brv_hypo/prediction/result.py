@@ -176,16 +176,19 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
 
     `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
     square: what the frozen model leaves (`left`), and what it would if record and vehicle erred within their tolerances
-    (`freed`); `remedy` is what `--refit` would name as well for that.
+    (`freed`); `remedy` is what `--refit` would name as well for that. What contradicts the model beside these errors it
+    does not mend, unless it names the very coefficient.
     """
-    band, noise, helps = found.band, found.error.noise, ""
+    band, noise, helps, term = found.band, found.error.noise, "", found.difference and found.difference.term
+    named = any(each.name == term and each.mechanism in remedy.split(",") for each in found.frozen)
+    contradicts = found.refused and (found.local_change is not None or not named)
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
             f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
             "zero, and those of the vehicle as on the flights that the model was found on; "
             f"`--refit {remedy}` lets this flight have its own"
-            + (f", for an error of about {freed:.2g}." if much else ".")
+            + (f", for an error of about {freed:.2g}." if much and not contradicts else ".")
         )
     if found.flown == 0.0:
         return _NOWHERE + helps

@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
+from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
@@ -25,22 +26,24 @@ STATIC_JUDGED = (
     "near alpha = 0 (dotted), a process's bend extrapolates it, and trace, whose model has no processes, may differ."
 )
 FUNCTIONS = {
-    "C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"),
+    "C_m0": ("static-offset", "Static moment at alpha = 0", "C<sub>m0</sub>"),
     "C_malpha": (*STATIC, STATIC_JUDGED),
     "C_mq": DAMPING,
 }
-"""Name, heading and axis of a function of Mach number and angle of attack."""
+"""Name, heading and axis of a function of Mach number."""
 CHANNELS = {
     "measured-rates": {"q": ("q, deg/s", 180.0 / np.pi), "r": ("r, deg/s", 180.0 / np.pi)},
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
 ALONE = (
-    "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it. "
+    "Dots: measured less baseline, processes and errors of the record beside it, which may cancel part of it. "
     "Moments are derivatives of smoothed rates: where the plane of alpha turns fast, some of one component is in the "
     "other."
 )
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
+SMALL_VALUE = 0.01  # of a coefficient, below which its chart has thousandths
+NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
     "pred. error: mean square error of moments on blocks held out of the fit, no processes, as F-ratio and C_p, which "
     "is large where processes matter; ln evidence: ln of the "
@@ -63,8 +66,8 @@ def _evidence(comparison: Comparison) -> Chart:
     rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
     held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
     places, level = list(range(len(rows))), [row.log_evidence for row in rows]
-    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, large=True, spread=wide)
-    evidence = Line(level, places, "second", "ln evidence", dots=True, large=True)
+    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
+    evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
     panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
     read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
     return Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
@@ -75,23 +78,32 @@ def _sizes(comparison: Comparison) -> Chart:
     sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
     if len(rows) < 2 or not sized:
         return Chart("cp", "", "", ())
-    found: dict[tuple[int, bool], list[RankedHypothesis]] = {}
-    for row in sorted(rows, key=lambda row: -row.cp):
-        found.setdefault((sized[0].n_coefficients + row.n_terms, row is rows[0]), []).append(row)
-    p = np.arange(sized[0].n_coefficients, max(max(found)[0], sized[-1].n_coefficients) + 1.0)
+    every, least = [*(each.cp for each in sized), *(row.cp for row in rows)], sized[0].n_coefficients
+    log, ordered = min(every) >= 1.0, sorted(rows, key=lambda row: (row.n_terms, -row.cp))
+    height = np.log10 if log else np.asarray
+    groups = [ordered[:1]]  # of one size, whose dots are near each other
+    for above, row in pairwise(ordered):
+        apart = height(above.cp) - height(row.cp) > NEAR * np.ptp(height(every))
+        if above.n_terms != row.n_terms or apart:
+            groups.append([])
+        groups[-1].append(row)
+    p = np.arange(least, max(least + ordered[-1].n_terms, sized[-1].n_coefficients) + 1.0)
     layers = [
         Line(p, p, "guide", "C_p = p", dashed=True),
-        Line([each.n_coefficients for each in sized], [max(each.cp, 1.0) for each in sized], "third", "best of a size"),
+        Line([each.n_coefficients for each in sized], [each.cp for each in sized], "third", "best of a size"),
     ]
-    for (count, _), some in found.items():  # rivals of one size in one label, above the highest of its dots
-        heights = [max(row.cp, 1.0) for row in some]
-        labels = ["\n".join(hypothesis(row.mechanism) for row in some), *[""] * (len(some) - 1)]
-        layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
+    for some in groups:  # in one label, from top to bottom as their dots are
+        counts, labels = [least + row.n_terms for row in some], [""] * len(some)
+        labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some)
+        heights = [row.cp for row in some]
+        layers.append(Line(counts, heights, "first", "hypotheses", dots=True, size=LARGE, labels=labels))
     read = (
         "Mallows' criterion. Far above the line, terms are missing. Best of a size: exact search on the grid of knots "
         "and delays. Hypotheses: as judged, with terms that were split or added beside processes."
     )
-    panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 1.0, p[-1] + 1.0)  # room for labels
+    if not log:
+        read += " Below zero: a smaller residual than the complete model's, which has the knots of the hypotheses."
+    panels, ends = [Panel("C<sub>p</sub>", layers, log=log)], (p[0] - 1.0, p[-1] + 2.0)  # room for labels
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
 
@@ -137,22 +149,21 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         charts.moment_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
         charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
-    overview = replace(moments[0], name=f"overview{setting.suffix}")
+    overview = moments[0]
     if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
         best = next(row for row in comparison.ranking if row.n_terms)
         (beyond, made), heading = np.array(series.alone), f"Moments of {hypothesis(best.mechanism)}"
         drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
-        if best is leader and comparison.verdict.winner:  # else it and processes may cancel
+        by_alpha = charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
+        moments.append(replace(by_alpha, caption=ALONE))
+        if best is leader:
             overview = replace(
                 charts.moment_chart(setting, time, sigma, drawn, beyond),
-                name=overview.name,
+                name=f"overview{setting.suffix}",
                 heading=f"{heading}{setting.which}",
                 caption=ALONE,
                 marks=[Mark(at, name) for at, name in knots.items()],
             )
-        moments.append(
-            charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
-        )
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
@@ -172,24 +183,41 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             for k, each in enumerate(named.items())
         ],
         "motion": charts.flight_charts(setting, series),
-        "moments": moments,
+        "moments": [each for each in moments if each is not overview],
         "channels": channels,
         "residual": [*charts.whiteness_charts(setting, series.whitened), spectrum],
     }
 
 
 def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
-    """Net values of a hypothesis over time, interval by interval between its knots."""
-    found: dict[str, list[tuple[float, float, float]]] = {}
-    for each in row.intervals:
-        for value in each.values:
-            steps = found.setdefault(f"{value.name}{'' if value.units == '1' else f', {value.units}'}", [])
-            steps += [(at, value.value, value.std_error) for at in (each.start_s, each.stop_s)]
-    histories = {name: np.array(steps).T for name, steps in found.items()}
-    panels = [Panel(name, charts.estimate(t, y, sigma, band="± 2 sigma")) for name, (t, y, sigma) in histories.items()]
-    heading = f"Coefficients of {hypothesis(row.mechanism)}"
-    caption = f"Net values between the knots. {tables.RISING}"
+    """Net values of a hypothesis over time."""
+    panels = []
+    known = {(value.mechanism, value.name): value.units for each in row.intervals for value in each.values}
+    for term, units in known.items():
+        t, y, sigma = _net(row, term, np.nan if units == "rad" else 0.0)
+        factor, suffix = (1e3, " · 10³") if np.nanmax(np.abs(y)) < SMALL_VALUE else (1.0, "")
+        title = f"{term[1]}{suffix}{'' if units == '1' else f', {units}'}"
+        panels.append(Panel(title, charts.estimate(t, factor * y, factor * sigma, band="± 2 sigma")))
+    heading, caption = f"Coefficients of {hypothesis(row.mechanism)}", "Net values; zero where it does not act."
     return setting.chart(f"coefficients-{row.mechanism}", heading, panels, caption)
+
+
+def _net(row: RankedHypothesis, term: tuple[str, str], nothing: float) -> FloatArray:
+    """Times, values and standard errors (3, 2 intervals) of a mechanism's term at both ends of each interval; `nothing`
+    where it does not act. A ramp, of which a result has the mean, goes on from the value before, independent of it.
+    """
+    ramps = [own.region_s for own in row.terms if (own.mechanism, own.name) == (term[0], f"ramp in {term[1]}")]
+    steps, value, sigma = list[tuple[float, float, float]](), nothing, 0.0
+    for each in row.intervals:
+        first = last = next(
+            ((own.value, own.std_error) for own in each.values if (own.mechanism, own.name) == term), (nothing, 0.0)
+        )
+        if any(region is not None and region[0] <= each.start_s < region[1] for region in ramps):
+            mean, error = first
+            first, last = (value, sigma), (2.0 * mean - value, max(4.0 * error**2 - 3.0 * sigma**2, 0.0) ** 0.5)
+        value, sigma = last
+        steps += [(each.start_s, *first), (each.stop_s, *last)]
+    return np.array(steps).T
 
 
 # ---- A comparison as a document ----

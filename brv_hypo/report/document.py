@@ -23,6 +23,7 @@ Values = Sequence[float] | FloatArray
 
 MOST_POINTS = 2500  # points drawn of a history; a longer one is thinned evenly, which no screen shows
 MOST_OF_A_PATH = 6000  # the same of a path, whose intervals stand side by side
+SMALL, LARGE = 2.6, 8.0  # px: of dots that are many, and few
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class Line:
     name: str = ""  # in the legend; "" for none
     dots: bool = False
     dashed: bool = False
-    large: bool = False  # of dots that are few
+    size: float = SMALL  # of dots, px
     hidden: bool = False  # until its name in a page's legend is clicked; picture files leave it out
-    labels: Sequence[str] = ()  # above each dot, or to the right of its error; of a line or more
+    labels: Sequence[str] = ()  # to the right of each dot; of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
     spread: Values | None = None  # how far x may lie to either side
 
@@ -62,6 +63,7 @@ class Bars:
     texts: Sequence[str] = ()
     role: Role = "first"
     name: str = ""  # in the legend; "" for none
+    error: tuple[Values, Values] | None = None  # how far each may end below and above
 
 
 Layer = Line | Band | Bars
@@ -148,8 +150,8 @@ class Chart:
 
     @property
     def named(self) -> bool:
-        """Whether something is written above the frame: names of marks and spans, or labels of several lines."""
-        return self.counted or any(mark.name for mark in self.marks) or any(span.name for span in self.spans)
+        """Whether names of marks or spans are written above the frame."""
+        return any(mark.name for mark in self.marks) or any(span.name for span in self.spans)
 
     @property
     def lines(self) -> int:

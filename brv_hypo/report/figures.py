@@ -31,6 +31,7 @@ COLOURS = {
 }
 """By role; the palette of Okabe and Ito (2008), for colour-blind readers too."""
 _NAME = 8  # points of the height of a mark's name
+_DOT = 0.6  # points of a dot's size for a px of it on a page
 SMALLEST_DOT = 3.0  # points of a dot in a legend, at least: those of histories are smaller
 STYLE: Any = {
     "font.size": 9.0,
@@ -150,14 +151,13 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
     if not layer.dots:
         axes.plot(layer.x, layer.y, ":" if layer.dashed else "-", color=colour, linewidth=1.0, label=name)
         return
-    size = 5.0 if layer.large else 1.2
-    axes.plot(layer.x, layer.y, "o", color=colour, markersize=size, markeredgewidth=0.0, label=name)
+    axes.plot(layer.x, layer.y, "o", color=colour, markersize=_DOT * layer.size, markeredgewidth=0.0, label=name)
     if layer.error is not None or layer.spread is not None:
         error = None if layer.error is None else np.asarray(layer.error, dtype=float)
         axes.errorbar(layer.x, layer.y, yerr=error, xerr=layer.spread, fmt="none", ecolor=colour, linewidth=1.0)
+    place: Any = {"xytext": (5, 0), "textcoords": "offset points", "fontsize": 8, "clip_on": False}
     for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
-        place: Any = {"xytext": (0, 4), "ha": "center"} if layer.error is None else {"xytext": (5, 0), "va": "center"}
-        axes.annotate(label, (x, y), textcoords="offset points", fontsize=8, clip_on=False, **place)
+        axes.annotate(label, (x, y), va="center" if "\n" in label else "bottom", **place)
 
 
 def _bars(axes: Axes, layers: Sequence[Bars]) -> None:
@@ -167,7 +167,8 @@ def _bars(axes: Axes, layers: Sequence[Bars]) -> None:
     first = 0
     for layer in layers:
         places, first = np.arange(first, first + len(layer.names)), first + len(layer.names)
-        axes.barh(places, np.asarray(layer.values, dtype=float), color=COLOURS[layer.role], label=layer.name)
+        values, error = np.asarray(layer.values, dtype=float), None if layer.error is None else np.array(layer.error)
+        axes.barh(places, values, color=COLOURS[layer.role], label=layer.name, xerr=error)
         for place, value, text in zip(places, layer.values, layer.texts, strict=False):
             axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
 

@@ -41,6 +41,7 @@ from brv_hypo.report.document import (
     Panel,
     Section,
     Table,
+    Values,
     flat,
     named,
     thinned,
@@ -66,6 +67,7 @@ _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": 
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
+_STANDOFF = 8  # px between the title of a vertical axis and its ticks
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
@@ -105,22 +107,23 @@ def _line(layer: Line) -> list[dict[str, Any]]:
         **({"visible": "legendonly"} if layer.hidden else {}),
     }
     if layer.dots:
-        trace["marker"] = {"color": colour, "size": 8 if layer.large else 2.6}
+        trace["marker"] = {"color": colour, "size": layer.size}
     else:
         trace["line"] = {"color": colour, "width": 1.5, **({"dash": "dot"} if layer.dashed else {})}
     if layer.labels:
         text = [label.replace("\n", "<br>") for label in layer.labels]
-        place = "top center" if layer.error is None else "middle right"  # beside an error bar, which is vertical
+        place = ["middle right" if "<br>" in each else "top right" for each in text]  # a line of one dot falls below it
         trace |= {"text": text, "textposition": place, "textfont": {"size": 11}, "cliponaxis": False}
     if layer.error is not None:
-        below, above = (np.asarray(values, dtype=float).tolist() for values in layer.error)
-        trace["error_y"] = {
-            "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
-        }  # fmt: skip
+        trace["error_y"] = _error(*layer.error, colour)
     if layer.spread is not None:
-        across = np.asarray(layer.spread, dtype=float).tolist()
-        trace["error_x"] = {"type": "data", "array": across, "color": colour, "thickness": 1.5}
+        trace["error_x"] = _error(layer.spread, layer.spread, colour)
     return [trace]
+
+
+def _error(below: Values, above: Values, colour: str) -> dict[str, Any]:
+    ends = {"array": np.asarray(above, dtype=float).tolist(), "arrayminus": np.asarray(below, dtype=float).tolist()}
+    return {"type": "data", "symmetric": False, **ends, "color": colour, "thickness": 1.5}
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
@@ -140,7 +143,8 @@ def _band(layer: Band) -> list[dict[str, Any]]:
 def _bars(layer: Bars) -> list[dict[str, Any]]:
     bars = {"x": [float(value) for value in layer.values], "y": list(layer.names), "text": list(layer.texts)}
     drawn = {"type": "bar", "orientation": "h", "textposition": "outside", "cliponaxis": False}
-    return [{**bars, **drawn, "name": layer.name, "marker": {"color": f"--{layer.role}"}}]
+    error = {} if layer.error is None else {"error_x": _error(*layer.error, "--ink")}
+    return [{**bars, **drawn, **error, "name": layer.name, "marker": {"color": f"--{layer.role}"}}]
 
 
 _TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
@@ -149,7 +153,8 @@ _TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line
 def _layout(chart: Chart) -> dict[str, Any]:
     count = len(chart.panels)
     bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    longest = max((float(value) for layer in bars for value in layer.values), default=0.0)
+    ends = (np.add(layer.values, 0.0 if layer.error is None else layer.error[1]) for layer in bars)
+    longest = max((float(np.max(each)) for each in ends), default=0.0)
     across = chart.range or ((0.0, _BESIDE_BARS * longest) if longest > 0.0 else None)
     layout: dict[str, Any] = {
         "xaxis": {
@@ -172,7 +177,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **_AXIS,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
-            "title": {"text": panel.title},
+            "title": {"text": panel.title, "standoff": _STANDOFF},
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),

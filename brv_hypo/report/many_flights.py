@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.io.text import NOT_A_NUMBER, hypothesis, number
 from brv_hypo.io.text import share as percent
-from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Shown, Table, Texts
+from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Panel, Shown, Table, Texts
 from brv_hypo.study.statistics import Calibration, ConfusionRow, Share, StudySummary
 
 MOST_MISTAKES = 12  # mistakes that the terminal lists; -v, the page and the CSV file hold them all
@@ -134,7 +134,7 @@ def calibration_chart(calibration: Calibration) -> Chart:
         "first",
         "verdicts, with their number",
         dots=True,
-        large=True,
+        size=LARGE,
         labels=[str(item.right.total) for item in bins],
         error=(share - low, high - share),
     )

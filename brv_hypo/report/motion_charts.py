@@ -17,8 +17,11 @@ from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimat
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
+from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.report.document import (
+    LARGE,
+    SMALL,
     Band,
     Bars,
     Chart,
@@ -57,20 +60,11 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
     few = "A few values far from all others lie beyond the frame."
-    said = {
-        Line: (few, few),
-        Band: (
-            "In a few places the band goes beyond the frame.",
-            "The band is far wider than what is drawn, and goes beyond the frame.",
-        ),
-    }
-    for kind, (places, everywhere) in said.items():
+    for kind, said in ((Line, few), (Band, "The band goes beyond the frame.")):
         for panel in panels:
-            values = _values(panel, kind)
-            low, high = (-np.inf, np.inf) if panel.range is None else panel.range
-            beyond = np.mean((values < low) | (values > high)) if values.size else 0.0
-            if beyond > 0.0:
-                return everywhere if beyond > 0.5 else places
+            low, high = panel.range or (-np.inf, np.inf)
+            if np.any((values := _values(panel, kind)) < low) or np.any(values > high):
+                return said
     return ""
 
 
@@ -98,6 +92,7 @@ IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
+COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
@@ -106,6 +101,7 @@ _APART = 0.01  # share of the record that lies between two knots at least: neare
 _ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
 _ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
+_MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
 
@@ -193,19 +189,20 @@ def _panels(
     sigma: Values | None = None,
     dots: bool = False,
 ) -> list[Panel]:
-    """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
+    """A panel for each moment: the measured one, if any, within its noise, and the models: below it as `dots`."""
     known = np.zeros((2, 0)) if measured is None else measured
     factor, suffix = scale_of(known, *(m.moments for m in models if not m.hidden))
-    panels = []
+    panels, size = [], _MIDDLE if dots else SMALL
     for k, title in enumerate(titles):
         layers: list[Layer] = []
         if sigma is not None:
             centre = np.zeros(len(x)) if measured is None else factor * measured[k]
             wide = 2.0 * (factor * np.asarray(sigma))
             layers.append(Band(x, centre - wide, centre + wide))
-        if measured is not None:
-            layers.append(Line(x, factor * measured[k], "measured", "measured", dots=True))
-        layers += [Line(x, factor * m.moments[k], m.role, m.name, dots=dots, hidden=m.hidden) for m in models]
+        layers += [Line(x, factor * m.moments[k], m.role, m.name, dots, size=size, hidden=m.hidden) for m in models]
+        if measured is not None:  # above dots, below lines
+            place = len(layers) if dots else len(layers) - len(models)
+            layers.insert(place, Line(x, factor * measured[k], "measured", "measured", dots=True))
         panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
 
@@ -252,14 +249,16 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
         products = np.correlate(values, values, "full")[values.size - 1 :]
         correlations.append(Line(lags, products[1 : _LAGS + 1] / products[0], role, name))
         quantiles.append(Line(ndtri(shares), np.quantile(values, shares), role, name, dots=True))
+    coloured = [name for name, each in known.items() if not whiteness([each[np.newaxis]], _LAGS)[0].white]
     read = "Whitened residual of model and processes, in axes that do not roll."
+    found = f" Beyond the band: {', '.join(coloured) or 'nothing'} (Ljung-Box, 1 %).{COLOURED if coloured else ''}"
     named = {
-        "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations)),
-        "quantiles": ("Quantiles of the residual", "quantile of normal noise", Panel("over the noise", quantiles)),
+        "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations), found),
+        "quantiles": ("Quantiles of the residual", "quantile of normal noise", Panel("over the noise", quantiles), ""),
     }
     return [
-        Chart(f"{name}{setting.suffix}", f"{heading}{setting.which}", x, [panel], caption=read)
-        for name, (heading, x, panel) in named.items()
+        Chart(f"{name}{setting.suffix}", f"{heading}{setting.which}", x, [panel], caption=read + more)
+        for name, (heading, x, panel, more) in named.items()
     ]
 
 
@@ -268,7 +267,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     known = errors[:_ERRORS]
     values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
     places = list(range(len(known)))
-    dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
+    dots = Line(values, places, "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
     beyond = beyond_level(len(errors))
     most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
@@ -345,17 +344,21 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
         np.array(values)[order]
         for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
     )
-    layers: list[Layer] = [*estimate(x[order], flown, flown_sigma, "second", "at the angle flown")]
+    by_angle = axis.endswith("1/rad")  # the moment itself goes up and down with the angle flown
+    layers: list[Layer] = []
+    if by_angle:
+        layers += estimate(x[order], flown, flown_sigma, "second", "at the angle flown")
     if np.any(beyond := np.array(slope.extrapolated)[order]):
         layers.append(Line(x[order], zero, "first", "extrapolated to alpha = 0", dashed=True))
-    if not np.all(beyond):
-        layers += estimate(x[order], np.where(beyond, np.nan, zero), zero_sigma, "first", "at alpha = 0")
+    if np.any(near := ~beyond):  # which may be one place alone
+        at, value, wide = x[order][near], zero[near], 2.0 * zero_sigma[near]
+        layers.append(Line(at, value, "first", "at alpha = 0", dots=True, size=_MIDDLE, error=(wide, wide)))
     panel = Panel(axis, layers)
-    edges = _values(panel, Band)
+    edges = _values(panel, Band if by_angle else Line)
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    stable = "Negative is stable." if axis.endswith("1/rad") else ""
-    read = " ".join(filter(None, (read, stable, "Bands: two standard deviations.", cut_text(panels))))
+    stable = "Negative is stable." if by_angle else ""
+    read = " ".join(filter(None, (read, stable, "Bands and bars: two standard deviations.", cut_text(panels))))
     return Chart(f"{anchor}{suffix}", f"{heading}{which}", "Mach number" if by_mach else TIME, panels, caption=read)
 
 
@@ -398,11 +401,12 @@ _SEVERAL = " Each interval begins at the dot."
 def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
 
-    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi). One panel for
-    every few cycles, in order of time and at one scale.
+    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi), from nought where
+    the record begins, be it before the histories. One panel for every few cycles, in order of time and at one scale.
     """
     t, amplitude = np.array(kept.time_s), np.degrees(kept.alpha_rad)
-    turned = cumulative_trapezoid(kept.roll_rate_rad_s, t, initial=0) - np.array(kept.windward_meridian_rad)
+    before = kept.roll_rate_rad_s[0] * (t[0] - setting.span[0])
+    turned = before + cumulative_trapezoid(kept.roll_rate_rad_s, t, initial=0) - np.array(kept.windward_meridian_rad)
     theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
     # how often the path goes round: its length over the circumference of a circle of its size
     length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))
@@ -427,20 +431,12 @@ def _intervals(path: PlanePath) -> Iterator[Panel]:
     for start, stop in pairwise(edges):
         inside = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop)) + 1)
         line = Line(x[inside], y[inside], "measured", "path")
-        first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, large=True)
+        first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, size=LARGE)
         yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])
 
 
 def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
     """Bars of those that are known, in percent; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    return [Panel("", [percent_bars(known, role, written)])] if known else []
-
-
-def percent_bars(
-    shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share, name: str = ""
-) -> Bars:
-    """Shares as bars in percent; `name` is what the legend says of them."""
-    return Bars(
-        list(shares), [100.0 * each for each in shares.values()], list(map(written, shares.values())), role, name
-    )
+    bars = Bars(list(known), [100.0 * each for each in known.values()], list(map(written, known.values())), role)
+    return [Panel("", [bars])] if known else []

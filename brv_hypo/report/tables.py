@@ -42,7 +42,6 @@ from brv_hypo.io.text import (
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
-from brv_hypo.thresholds import CREDIBLE_PROBABILITY
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
@@ -55,8 +54,8 @@ KIN = "Processes of one family may stand for one another: quote their sum."
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
     "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
-    "and air by the rates that they make; relative: the size over an ordinary one. Below its sigma: the record does "
-    "not say that this one acts, and another may make the same. To simulate them: verdict.processes, planted (--json)."
+    "and air by the rates that they make; relative: the size over an ordinary one. In parentheses: below its sigma, "
+    "the record does not say that it acts, and another may make it. To simulate: verdict.processes, planted (--json)."
 )
 
 _VEHICLE = (
@@ -103,7 +102,7 @@ def ranking_table(comparison: Comparison) -> Table:
         }
         for row in comparison.ranking
     ]
-    if verdict.probability.get(OTHER, 0.0) >= CREDIBLE_PROBABILITY:
+    if OTHER in verdict.probability:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
         rows.append(nothing | {"mechanism": "other", "prob.": probability(verdict.probability[OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
@@ -131,23 +130,22 @@ def process_blocks(comparison: Comparison) -> list[Block]:
 
     The terminal shows those that do not exceed their sigma with -v only, and nothing but that of them.
     """
-    rows, large = list[dict[str, str]](), 0
-    for each in shown_processes(comparison):
-        exceeds = each.size > each.std_error
-        large += exceeds
-        rows.append(
-            {
-                "process": each.name,
-                "family": each.family,
-                "of moment": share(each.share_of_moment) if exceeds else NOT_A_NUMBER,
-                "rms size": known_to(each.size, each.std_error) if exceeds else "below sigma",
-                "sigma": number(each.std_error, 2),
-                "unit": "C_m" if each.is_of_moment else each.units,
-                "relative": f"{number(each.size / each.tolerance, 2)} ×" if exceeds else NOT_A_NUMBER,
-            }
-        )
+    shown = shown_processes(comparison)
+    large = [each.size > each.std_error for each in shown]
+    rows = [
+        {
+            "process": each.name,
+            "family": each.family,
+            "of moment": form.format(share(each.share_of_moment)),
+            "rms size": form.format(known_to(each.size, each.std_error)),
+            "sigma": number(each.std_error, 2),
+            "unit": "C_m" if each.is_of_moment else each.units,
+            "relative": form.format(f"{number(each.size / each.tolerance, 2)} ×"),
+        }
+        for each, form in zip(shown, ("{}" if exceeds else "({})" for exceeds in large), strict=True)
+    ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
-    table = Table(rows, beside, ("process", "family", "unit"), most=min(max(large, 1), ROWS_AT_FIRST))
+    table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
     kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
     return [table, Texts((*kin, *_one_drift(comparison)), bullets=False)]
 

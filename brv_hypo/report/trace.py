@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +17,12 @@ from brv_hypo.mechanisms.registry import compared, plugin_files
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
+from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
 
-TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
+TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
 SCHEDULED = (
     "scheduled: what trace starts from, with a static slope by Mach number; constant: with a constant slope, for "
@@ -75,15 +76,19 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
 
 
 def families_chart(step: Step) -> Chart:
-    """The share of a step's residual that each family explains, largest first; those not surely above nothing grey."""
-    sure = {each.family: each.share for each in step.decomposition if is_sure(each)}
-    doubtful = {each.family: each.share for each in step.decomposition if not is_sure(each)}
-    layers = [charts.percent_bars(sure, "second")] if sure else []
-    layers += [charts.percent_bars(doubtful, "none", name=NOT_SURE)] if doubtful else []
-    panels = [Panel("", layers)] if layers else []
+    """The share of a step's residual that each family explains, grey if not surely above nothing, and the rest."""
+    layers = []
+    for each in step.decomposition:
+        sure, size, (low, high) = is_sure(each), 100.0 * each.share, (100.0 * end for end in each.interval_95)
+        bar = Bars([f"{each.family} {share(each.share)}"], [size], error=([size - low], [high - size]))
+        layers.append(replace(bar, role="second") if sure else replace(bar, role="none", name=NOT_SURE))
+    rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
+    layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
     read = (
-        "Of the mean square that the first model does not explain: first by effects that were added, then by processes."
+        "Of the mean square that the first model does not explain: first by effects that were added, then by processes "
+        "(95 % intervals)."
     )
+    panels = [Panel("", layers)] if layers else []
     return Chart("families", "What holds the residual, by family", "of the residual, %", panels, caption=read)
 
 
@@ -129,7 +134,7 @@ _STOPPED = {
 """Why the loop stopped, where that says something of the flight."""
 _ERRORS = (
     "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
-    "scatters by about the last model's sigma. Every model has errors of the record within their tolerances"
+    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
 )
 
 
@@ -265,6 +270,7 @@ def residual_text(residual: Residual) -> str:
 
 
 def _step(step: Step) -> list[Block]:
+    ordered = sorted(step.candidates, key=lambda row: -row.f_ratio)
     candidates = [
         {
             "effect": row.effect,
@@ -274,23 +280,23 @@ def _step(step: Step) -> list[Block]:
             "explains": share(row.explains),
             "confounded with": ", ".join(row.near_equals),
         }
-        for row in step.candidates
+        for row in ordered
     ]
     largest = next((each.history for each in filter(is_sure, step.decomposition)), None)
-    small = [each.family for each in step.decomposition if not is_sure(each)]
-    others = f"{NOT_SURE}: {', '.join(small)}" if small else ""
-    families = "; ".join(filter(None, (families_text(step), others))) if families_text(step) else ""
+    doubtful = [each for each in step.decomposition if not is_sure(each)]
+    small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
+    families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
     done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = [f"By family: {families}."] if families else []
     sentences += [f"{_history_text(largest)}."] if largest is not None else []
     sentences.append(outcome_text(step))
     if step.removed:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
-    marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
-    words = ("effect", "kind", "confounded with")
+    marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
+    words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
-        Table(candidates, words=words, marked=marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
+        Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
         Texts(sentences, bullets=False, strong=step.added is not None),
     ]
 
@@ -402,7 +408,7 @@ def band_chart(result: Prediction) -> Chart:
     span = (result.flight.start_s, result.flight.stop_s)
     read = (
         "The interval includes the noise, the errors of the coefficients, and the residual of the model on the flights "
-        "that it was found on."
+        "that it was found on. The prediction is that of the frozen model, record errors fitted, in the table."
     )
     return Chart("band", heading, TIME, panels, over_time=True, range=span, caption=read)
 
@@ -420,10 +426,11 @@ def _place(region: Region | LocalChange) -> dict[str, str]:
 
 
 def _errors(result: Prediction) -> dict[str, float]:
-    error = result.error
+    error, band = result.error, result.band
     return {
         "nothing": error.without,
         "the frozen model": error.frozen,
+        "the frozen model, record errors fitted": float(np.mean(np.subtract(band.measured, band.predicted) ** 2)),
         "the model fitted here": error.own,
         "noise alone": error.noise,
     }

@@ -13,10 +13,12 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.text import number
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import Prediction, predict
 from brv_hypo.prediction.changes import CHANGE_CHANCE
+from brv_hypo.prediction.result import LocalChange, reason
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY
@@ -269,6 +271,12 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
     assert held.error.frozen > 2.0 * predicted.error.frozen
     assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
+    changed = LocalChange(term="C_mq", units="1/rad", start_s=1.0, stop_s=2.0, mach=None, value=1.0, std_error=0.1,
+                          f_ratio=100.0, p_value=0.0)  # fmt: skip
+    other = held.difference.model_copy(update={"term": "C_mq"})
+    for update in ({"local_change": changed}, {"difference": other}):  # what no trim undoes
+        said = reason(held.model_copy(update=update), 0.99, 0.7, 0.0, "trim,instruments")
+        assert "`--refit trim,instruments` lets this flight have its own." in said
 
 
 @pytest.mark.shared
@@ -303,6 +311,15 @@ def test_the_page_draws_the_band(predicted: Prediction) -> None:
     assert [chart.name for chart in prediction_charts(predicted)] == ["band", "errors", "regions"]
     assert [panel.title for panel in chart.panels] == [f"{title} · 10³" for title in BODY]
     assert "95 % prediction interval" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
+    dots = np.concatenate([panel.layers[1].y for panel in chart.panels])  # thousandths
+    (row,) = (
+        row
+        for block in prediction_document(predicted).blocks
+        if isinstance(block, Table)
+        for row in block.rows
+        if row.get("moments less") == "the frozen model, record errors fitted"
+    )
+    assert row["mean square"] == number(1e-6 * float(np.mean(dots**2)))
 
 
 @pytest.mark.thorough

@@ -80,6 +80,12 @@ PRINT = """<script>(async () => {
   root.dataset.paper = getComputedStyle(document.body).backgroundColor;
 })();</script>"""
 
+LEGEND = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const [legend, bar] = [".legend", ".modebar"].map((name) => document.querySelector(name).getBoundingClientRect());
+  root.dataset.apart = legend.bottom <= bar.top;
+})();</script>"""
+
 CHART = '<div class="chart"'
 
 pytestmark = [pytest.mark.skipif(BROWSER is None, reason="no chromium is installed"), pytest.mark.thorough]
@@ -129,6 +135,11 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
     root = shown(report(), width)
     assert 'data-drawn="3"' in root
     assert "data-failed" not in root
+
+
+def test_the_buttons_of_a_chart_cover_no_name_of_its_legend(shown) -> None:
+    """Which may need all of the upper edge."""
+    assert 'data-apart="true"' in shown(report(LEGEND))
 
 
 @pytest.fixture(scope="module")

@@ -8,16 +8,19 @@ import json
 import re
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.result import NetInterval
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
+    LARGE,
     MOST_POINTS,
     Band,
     Bars,
@@ -40,6 +43,8 @@ from brv_hypo.report.write import RESOLUTION, draw_into
 from brv_hypo.simulation import load_config, simulate
 from tests.chains import compared_sticking, histories, reconstructed
 from tests.flights import nominal
+
+ZERO = SimpleNamespace(value=0.0, std_error=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +125,11 @@ def test_stretches_of_a_path_are_squares_at_one_scale_in_a_picture() -> None:
 
 def test_the_likeliest_mechanism_alone_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
     rest, made = comparison.series[0].alone
-    dots, line = charts["excess-by-alpha-1"].panels[1].layers
-    np.testing.assert_allclose(dots.y, 1e3 * np.array(rest[1]))
-    np.testing.assert_allclose(line.y, 1e3 * np.array(made[1]))
+    below, above = charts["excess-by-alpha-1"].panels[1].layers
+    np.testing.assert_allclose(above.y, 1e3 * np.array(rest[1]))
+    np.testing.assert_allclose(below.y, 1e3 * np.array(made[1]))
+    assert above.size < below.size
+    assert "may cancel part of it" in charts["excess-by-alpha-1"].caption
 
 
 def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
@@ -156,6 +163,19 @@ def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(
     dots, line = planted_charts["overview"].panels[1].layers[1:]
     np.testing.assert_allclose(dots.y, 1e3 * left[1])
     np.testing.assert_allclose(line.y, 1e3 * made[1])
+
+
+def test_the_overview_is_that_of_a_leader_that_is_undecided_too_and_no_chart_is_drawn_twice(planted) -> None:
+    undecided = planted.verdict.model_copy(update={"winner": None, "outcome": "undecided"})
+    baseline = planted.ranking[0].model_copy(update={"n_terms": 0, "mechanism": "none"})
+    led = planted.model_copy(update={"ranking": (baseline, *planted.ranking)})
+    for result, first in ((planted.model_copy(update={"verdict": undecided}), "overview"), (led, "moments")):
+        charts = comparison_document(result).charts
+        assert charts[0].name == first
+        assert ("may cancel part of it" in charts[0].caption) == (first == "overview")
+        names = [chart.name for chart in charts]
+        assert len(names) == len(set(names))
+        assert "moments" in names
 
 
 def test_histories_of_processes_are_drawn_in_the_units_of_the_table(planted) -> None:
@@ -208,32 +228,59 @@ def test_the_leader_is_drawn_last(charts) -> None:
 
 
 def test_coefficients_are_the_net_values_between_knots(planted, planted_charts) -> None:
+    """And zero where nothing acts."""
     row = planted.ranking[0]
-    panels = planted_charts[f"coefficients-{row.mechanism}"].panels
-    drawn = [(line.x[k], line.y[k]) for panel in panels for line in panel.layers[1:] for k in range(len(line.x))]
-    known = [
-        (end, value.value) for each in row.intervals for value in each.values for end in (each.start_s, each.stop_s)
-    ]
-    assert sorted(drawn) == sorted(known)
-    assert known
+    (panel,) = planted_charts[f"coefficients-{row.mechanism}"].panels
+    band, line = panel.layers
+    known = [(value.value, value.std_error) for each in row.intervals for value in each.values or (ZERO,)]
+    assert ZERO.value in line.y
+    np.testing.assert_allclose(line.x, [end for each in row.intervals for end in (each.start_s, each.stop_s)])
+    np.testing.assert_allclose(line.y, np.repeat([value for value, _ in known], 2))
+    np.testing.assert_allclose(band.high - line.y, np.repeat([2.0 * sigma for _, sigma in known], 2))
+
+
+def test_a_ramp_is_drawn_as_one(planted) -> None:
+    """From the value before it to that after it, through the mean that the result has; thousandths if small."""
+    row, units = planted.ranking[0], {"units": "1/rad"}
+    term = row.terms[0].model_copy(update={"name": "ramp in C", "region_s": (1.0, 3.0), **units})
+    means = ((0.0, 1.0, 0.0, 0.0), (1.0, 3.0, 2e-3, 1e-4), (3.0, 4.0, 4e-3, 2e-4))
+    spans = [
+        NetInterval(start_s=start, stop_s=stop, values=(term.model_copy(
+            update={"name": "C", "value": mean, "std_error": sigma, "region_s": (start, stop)}),) if mean else ())
+        for start, stop, mean, sigma in means
+    ]  # fmt: skip
+    for intervals in (spans, spans[:2]):
+        ramp = row.model_copy(update={"terms": (term,), "intervals": tuple(intervals)})
+        document = comparison_document(planted.model_copy(update={"ranking": (ramp, *planted.ranking[1:])}))
+        chart = next(chart for chart in document.charts if chart.name == f"coefficients-{row.mechanism}")
+        (panel,), count = chart.panels, 2 * len(intervals)
+        band, line = panel.layers
+        assert panel.title == "C · 10³, 1/rad"
+        np.testing.assert_allclose(line.x, [0.0, 1.0, 1.0, 3.0, 3.0, 4.0][:count])
+        np.testing.assert_allclose(line.y, [0.0, 0.0, 0.0, 4.0, 4.0, 4.0][:count])
+        np.testing.assert_allclose(band.high - line.y, [0.0, 0.0, 0.0, 0.4, 0.4, 0.4][:count], atol=1e-12)
 
 
 def test_a_band_is_two_standard_deviations_to_either_side(planted) -> None:
-    """At the angle flown, and at alpha = 0 where samples are near it; elsewhere a dotted line without a band."""
+    """At the angle flown; at alpha = 0 dots with bars where samples are near it, elsewhere a dotted line without."""
     (known,) = planted.functions["C_malpha"]
     near = [(0.0 if k % 2 else high, high) for k, (_, high) in enumerate(known.alpha_ends_rad)]
     known = known.model_copy(update={"alpha_ends_rad": tuple(near)})
-    flown_band, flown, dotted, zero_band, zero = derivative_chart(known, 1, *STATIC).panels[0].layers
-    measured = np.isfinite(zero.y)
-    assert measured.tolist() == [not each for each in known.extrapolated]
+    band, flown, dotted, zero = derivative_chart(known, 1, *STATIC).panels[0].layers
+    measured = ~np.array(known.extrapolated)
     assert dotted.dashed
     np.testing.assert_allclose(dotted.y, known.at_zero)
-    for band, line, sigmas in (
-        (flown_band, flown, known.at_flown_std_error),
-        (zero_band, zero, np.where(measured, known.at_zero_std_error, np.nan)),
-    ):
-        np.testing.assert_allclose(band.high - line.y, 2.0 * np.array(sigmas))
-        np.testing.assert_allclose(line.y - band.low, 2.0 * np.array(sigmas))
+    np.testing.assert_allclose(zero.y, np.array(known.at_zero)[measured])
+    np.testing.assert_allclose(zero.error, [2.0 * np.array(known.at_zero_std_error)[measured]] * 2)
+    for edge in (band.high - flown.y, flown.y - band.low):
+        np.testing.assert_allclose(edge, 2.0 * np.array(known.at_flown_std_error))
+
+
+def test_the_moment_is_drawn_at_no_angle_of_attack_alone(planted, planted_charts) -> None:
+    """At the angle flown it goes up and down with that."""
+    (known,) = planted.functions["C_m0"]
+    for layer in planted_charts["static-offset"].panels[0].layers:
+        assert np.all(np.isin(layer.y, known.at_zero))
 
 
 def test_a_meridian_is_wrapped_with_a_break_where_it_passes_the_end() -> None:
@@ -374,7 +421,7 @@ class TestDrawing:
     @pytest.fixture
     def plain(self) -> Chart:
         time = np.linspace(0.0, 1.0, 50)
-        dots = Line(time, time, "measured", "b", dots=True, large=True, labels=["x"] * 50, error=(time, time))
+        dots = Line(time, time, "measured", "b", dots=True, size=LARGE, labels=["x"] * 50, error=(time, time))
         panels = [
             Panel("∂C<sub>N</sub>′/∂α", [Band(time, time, time + 1), Line(time, time, "first", "a")]),
             Panel("y", [dots]),

@@ -27,10 +27,10 @@ from brv_hypo.comparison.result import (
     beyond_text,
     beyond_tolerances,
 )
-from brv_hypo.comparison.verdict import with_prediction_error
+from brv_hypo.comparison.verdict import OTHER, with_prediction_error
 from brv_hypo.docs import text
 from brv_hypo.flight.record import RecordFault, RecordTrial
-from brv_hypo.io.text import hypothesis, number
+from brv_hypo.io.text import hypothesis, number, probability
 from brv_hypo.linearisation.nuisance import BEYOND_CHANCE, beyond_level
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
@@ -176,7 +176,7 @@ class TestTerminal:
         assert "Above 100 %: nothing that is smaller than the whole moment is excluded." in said
         assert "Withheld for lag: the record says nothing of their size." in said
         assert max(map(cell_len, shown.splitlines())) <= 80
-        assert len(shown.splitlines()) <= 45
+        assert len(shown.splitlines()) <= 46
 
     def test_a_limit_is_a_moment_at_the_pressure_of_the_record(self) -> None:
         comparison = compared_sticking()
@@ -193,12 +193,13 @@ class TestTerminal:
         assert line_of(shown, "turbulence") == ["turbulence", "air", "1.6", "%", "1.43", "0.21", "m/s", "14", "×"]
         assert line_of(shown, "static_change")[2:4] + line_of(shown, "static_change")[-2:] == ["4.9", "%", "5.1", "×"]
 
-    def test_a_process_below_its_sigma_is_said_to_be_so_after_the_others_and_with_verbose_only(self) -> None:
+    def test_a_process_below_its_sigma_stands_in_parentheses_after_the_others_and_with_verbose_only(self) -> None:
         doubtful = process("flow", "body", 0.09 * MOMENT, "1", 0.09, 0.01 * MOMENT)
         doubtful = doubtful.model_copy(update={"std_error": 1.2 * doubtful.size})
         found = graded(processes=(doubtful, *PROCESSES[:2]))
-        assert "below sigma" not in printed(found)
-        assert line_of(printed(found, verbose=True), "flow")[2:5] == ["–", "below", "sigma"]
+        assert "(9 %)" not in printed(found)
+        assert line_of(printed(found, verbose=True), "flow")[2:5] == ["(9", "%)", "(0.0037)"]
+        assert "(9 %)" in printed(graded(processes=(doubtful,)))
 
     def test_a_process_of_one_s_own_is_named_beside_one_that_drifts_alike(self) -> None:
         """A drift of the gyros may be taken for theirs in general."""
@@ -222,9 +223,11 @@ class TestTerminal:
         assert [(row["rank"], row["mechanism"], row["ln evidence"]) for row in rows] == [
             ("1", "damping", "12.3"),
             ("2", "baseline only", "0.0"),
+            ("–", "other", "–"),
         ]
+        assert rows[-1]["prob."] == probability(graded().verdict.probability[OTHER])
         unknown = graded().ranking[0].model_copy(update={"log_evidence": NAN})
-        (row,) = ranking_table(graded().model_copy(update={"ranking": (unknown,)})).rows
+        row, _ = ranking_table(graded().model_copy(update={"ranking": (unknown,)})).rows
         assert row["ln evidence"] == "–"
 
 

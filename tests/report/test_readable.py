@@ -16,24 +16,68 @@ from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
 from brv_hypo.report.html import page, plotly_chart, resource
-from brv_hypo.report.motion_charts import Drawn, Setting, knots_of, masked, moment_by_alpha_chart, moment_chart
+from brv_hypo.report.motion_charts import (
+    Drawn,
+    Setting,
+    attitude_chart,
+    knots_of,
+    masked,
+    moment_by_alpha_chart,
+    moment_chart,
+    whiteness_charts,
+)
 from brv_hypo.report.trace import trace_document
-from tests.chains import compared_nominal, traced_trim
+from tests.chains import compared_nominal, histories, traced_trim
 
 TIME = np.linspace(0.0, 5.0, 200)
 WAVE = np.sin(TIME) / 1e3
 SETTING = Setting((0.0, 5.0))
 
 
-def test_names_of_rivals_of_one_size_stand_in_one_label() -> None:
-    """Three of one size; the leader has its own, of whatever size."""
+def sizes(least: float) -> Chart:
+    """C_p over size of three near each other and one far below, of one size, and one of another."""
     comparison = compared_nominal()
     row = comparison.ranking[0]
-    cps = {"a": (3, 1.0), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
+    cps = {"a": (3, least), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
     rows = tuple(row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items())
     charts = comparison_document(comparison.model_copy(update={"ranking": rows, "series": ()})).charts
-    _, _, *dots = next(chart for chart in charts if chart.name == "cp").panels[0].layers
-    assert [list(each.labels) for each in dots] == [["d\nc\nb", "", ""], ["e"], ["a"]]
+    return next(chart for chart in charts if chart.name == "cp")
+
+
+def test_names_of_dots_near_each_other_stand_in_one_label() -> None:
+    """Beside the middle one, from top to bottom as they are."""
+    for least in (1.0, -2e3):
+        _, _, *dots = sizes(least).panels[0].layers
+        assert [list(each.labels) for each in dots] == [["", "d\nc\nb", ""], ["a"], ["e"]]
+
+
+def test_a_negative_criterion_is_drawn_where_it_is() -> None:
+    (panel,) = sizes(-2e3).panels
+    assert not panel.log
+    assert [list(each.y) for each in panel.layers[3:4]] == [[-2e3]]
+    assert "Below zero" in sizes(-2e3).caption
+    assert sizes(1.0).panels[0].log
+    assert "Below zero" not in sizes(1.0).caption
+
+
+def test_what_is_correlated_beyond_the_band_is_named_with_what_that_means() -> None:
+    rng = np.random.default_rng(5)
+    white = {name: rng.standard_normal(600) for name in ("q", "r")}
+    coloured = white | {"r": np.convolve(white["r"], np.ones(4))[:600]}
+    for known, said in ((white, "nothing"), (coloured, "r")):
+        autocorrelation, quantiles = whiteness_charts(SETTING, known)
+        assert f"Beyond the band: {said} (Ljung-Box, 1 %)." in autocorrelation.caption
+        assert ("not independent" in autocorrelation.caption) == (said == "r")
+        assert "band" not in quantiles.caption
+
+
+def test_pitch_against_yaw_is_the_same_where_its_history_begins_later() -> None:
+    time = np.linspace(0.0, 5.0, 501)
+    parts = [histories(time[k:], np.full(501 - k, 0.05), 3.0 * time[k:]) for k in (0, 50)]
+    rolling = [each.model_copy(update={"roll_rate_rad_s": np.full(len(each.time_s), 2.0)}) for each in parts]
+    whole, later = (attitude_chart(SETTING, each).path for each in rolling)
+    np.testing.assert_allclose(later.x, whole.x[50:], atol=1e-9)
+    np.testing.assert_allclose(later.y, whole.y[50:], atol=1e-9)
 
 
 def test_every_hypothesis_has_its_own_knots_marked() -> None:

@@ -69,8 +69,9 @@ def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
     row = comparison.ranking[0].model_copy(update={"mechanism": "ablation_by_file", "f_ratio": 1.07e6, "cp": 1.07e6})
     table = ranking_table(comparison.model_copy(update={"ranking": (row,)}))
     lines = printed(Fitted(table), 80).splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 4
     assert "ablation_by_file" in lines[2]
+    assert "other" in lines[3]
 
 
 def test_names_of_what_was_discovered_are_told_at_four_digits() -> None:

@@ -163,7 +163,7 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
     texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
-    assert f"By family: {shares[:-1]}; not surely above 0.5 %: air." in texts
+    assert f"By family: {shares[:-1]}; not surely above 0.5 %: air 2 %." in texts
     noise = first.model_copy(update={"residual": residual.model_copy(update={"white": True})})
     of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
     assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
@@ -176,9 +176,28 @@ def test_the_chart_of_families_marks_those_that_the_text_is_not_sure_of() -> Non
     step = traced_trim().steps[0].model_copy(update={"decomposition": (surely, doubtful)})
     chart = families_chart(step)
     bars = [(layer.names, layer.role, layer.name) for layer in chart.panels[0].layers if isinstance(layer, Bars)]
-    assert bars == [(["body"], "second", ""), (["air"], "none", "not surely above 0.5 %")]
-    assert [trace["name"] for trace in plotly_chart(chart)["traces"] if trace["showlegend"]] == [bars[1][2]]
-    assert [text.get_text() for text in chart_figure(chart).axes[0].get_yticklabels()] == ["body", "air"]
+    rest = (["noise, lack of fit 15 %"], "measured", "")
+    assert bars == [(["body 83 %"], "second", ""), (["air 2 %"], "none", "not surely above 0.5 %"), rest]
+    drawn, names = plotly_chart(chart), ["body 83 %", "air 2 %", *rest[0]]
+    assert [trace["name"] for trace in drawn["traces"] if trace["showlegend"]] == [bars[1][2]]
+    assert [text.get_text() for text in chart_figure(chart).axes[0].get_yticklabels()] == names
+    body, ends = drawn["traces"][0], [surely.interval_95[0], surely.interval_95[1]]
+    error = body["error_x"]
+    low, high = body["x"][0] - error["arrayminus"][0], body["x"][0] + error["array"][0]
+    assert [low, high] == pytest.approx([100.0 * end for end in ends])
+    assert drawn["layout"]["xaxis"]["range"][1] > high
+    assert sum(layer.values[0] for layer in chart.panels[0].layers) == pytest.approx(100.0)
+
+
+def test_candidates_are_listed_by_their_f_ratio() -> None:
+    step = traced_trim().steps[0]
+    one = step.candidates[0].model_copy(update={"near_equals": ()})
+    tried = [one.model_copy(update={"effect": name, "f_ratio": f}) for name, f in (("a", 2.0), ("b", 7.0), ("c", 5.0))]
+    first = step.model_copy(update={"candidates": tuple(tried), "added": "c"})
+    document = trace_document(traced_trim().model_copy(update={"steps": (first,)}))
+    (table,) = (each for each in flat(document.blocks) if isinstance(each, Table) and "by F-ratio" in each.heading)
+    assert [row["effect"] for row in table.rows] == ["b", "c", "a"]
+    assert list(table.marked) == [1]
 
 
 def test_before_and_after_are_drawn_where_something_was_added() -> None:
