@@ -152,21 +152,23 @@ def study_document(summary: StudySummary) -> Document:
     flown = f"{summary.compared} of {summary.flights} flights compared{pace}"
     by_vehicle = summary.by_vehicle if len(summary.by_vehicle) > 1 else {}
     small = summary.confusion != summary.confusion_visible
-    visible = f"Ranked first (effect at least {least} of the moment, or none)"
+    visible = f"Ranked first (effect at least {least} of the moment while it lasts, or none)"
     return Document(
         title=f"Study: {summary.title}",
         subtitle=(f"{summary.title}, seed {summary.seed}: {flown}",),
         conclusion_title="Study",
         conclusion=(
-            f"What was planted ranks first in {counted(summary.right_visible)} that have an effect of at least "
-            f"{least} of the moment, or none; false alarms in {counted(summary.false_alarms)} that have none."
+            f"What was planted is named in {counted(summary.named)}, another mechanism in {counted(summary.wrong)}; "
+            f"false alarms in {counted(summary.false_alarms)} with nothing planted. It ranks first in "
+            f"{counted(summary.right_visible)} with an effect of at least {least} of the moment while it lasts, or "
+            "none." + (f" {len(summary.failures)} flights failed, and count nowhere." if summary.failures else "")
         ),
         decided=not summary.failures,
         blocks=[
-            confusion_table(visible, summary.confusion_visible),
-            Texts((_CONFUSION,) if summary.confusion_visible else (), bullets=False, shown="page"),
+            confusion_table("Ranked first, all flights", summary.confusion),
+            Texts((_CONFUSION,) if summary.confusion else (), bullets=False),
+            confusion_table(visible, summary.confusion_visible if small else (), "page"),
             *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in by_vehicle.items()),
-            confusion_table("Ranked first, all flights", summary.confusion if small else (), "page"),
             *calibration_blocks(summary.calibration_visible),
             calibration_chart(summary.calibration_visible),
             detection_table(summary),

@@ -172,7 +172,9 @@ PositiveSpan = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
 
 
 class InstrumentDraws(TolerancesConfig):
-    """What every record states of its instruments, and how many times that its errors are drawn from; 0: perfect."""
+    """What every record states of its instruments, in place of the vehicle's own; its errors are drawn from `factor`
+    times that, 0: none.
+    """
 
     factor: NotNegative = 1.0
 
@@ -205,8 +207,8 @@ class DrawsConfig(Section):
 
     `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
     `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
-    `windward_meridian` rad is the meridian at the start, uniform. `instruments` replaces what the vehicles say of
-    tolerances and errors to draw; `faults` corrupts some of the records.
+    `windward_meridian` rad is the meridian at the start, uniform. Errors of instruments, vehicle and air are drawn from
+    the tolerances that the vehicles state, or from those of `instruments`; `faults` corrupts some of the records.
     """
 
     size: PositiveSpan = (0.15, 1.2)
@@ -234,7 +236,8 @@ class StudyConfig(Section):
     seed: Annotated[int, Field(ge=0)] = 1
     """Of all draws."""
     draws: DrawsConfig = DrawsConfig()
-    """What each flight draws."""
+    """What each flight draws: size, delay, onset_shift, alpha, roll_rate, windward_meridian, gyro_noise, instruments,
+    faults."""
     sample_rate: Positive | None = None
     """Hz, in place of the vehicles' own."""
     visible_effect: Positive = 0.05
@@ -355,7 +358,8 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         "windward_meridian": draw.windward_meridian,
     }
     gyro, stated = config.instruments.gyro, study.draws.instruments
-    instruments: dict[str, Any] = {"gyro": gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})}
+    gyro = gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})
+    instruments: dict[str, Any] = {"gyro": gyro, "draw": 1.0}
     if stated is not None:
         instruments |= {"grade": stated.grade, "tolerances": stated.tolerances, "draw": stated.factor}
     changes = {

@@ -258,6 +258,8 @@ class StudySummary(Statistic):
     seed: int
     flights: int
     compared: int
+    named: Share  # of flights with something planted, the verdict names it
+    wrong: Share  # of these, it names something else
     visible_effect: float  # part of the moment's rms while the effect lasts
     right_visible: Share  # what was planted ranks first
     confusion: tuple[ConfusionRow, ...]
@@ -275,12 +277,15 @@ class StudySummary(Statistic):
 def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
     """Every statistic of the study's outcomes."""
     compared = [o for o in outcomes if o.status == "compared" and not o.draw.fault]
+    planted = [o for o in compared if o.planted != NONE]
     visible = [o for o in compared if o.planted == NONE or o.effect >= study.visible_effect]
     return StudySummary(
         title=study.title,
         seed=study.seed,
         flights=len(outcomes),
         compared=len(compared),
+        named=_share_of(planted, lambda outcome: outcome.won),
+        wrong=_share_of(planted, lambda outcome: outcome.wrong),
         visible_effect=study.visible_effect,
         right_visible=_share_of(visible, lambda outcome: outcome.right),
         confusion=confusion(compared, study.planted),

@@ -60,4 +60,4 @@ def test_a_study_of_one_vehicle_has_one_row_for_each_mechanism_and_its_columns_a
     assert [row["vehicle"] for row in tables["Detection limits"].rows] == ["cone"]
     words = " ".join(text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts)
     assert "won: the verdict names it too" in words
-    assert "false alarms in 0 of 6 flights (95 %: 0 to 46 %) that have none" in document.conclusion
+    assert "false alarms in 0 of 6 flights (95 %: 0 to 46 %) with nothing planted" in document.conclusion

@@ -99,7 +99,7 @@ def test_a_study_may_draw_what_the_instruments_err_by():
     found = flight_config(study, draws(study)[0]).instruments
     assert (found.grade, found.draw, found.declared().wind) == ("industrial", 0.5, (2.0, 2.0, 2.0))
     assert found.gyro == flight_config(CONE, draws(CONE)[0]).instruments.gyro
-    assert flight_config(CONE, draws(CONE)[0]).instruments.draw == 0.0
+    assert flight_config(CONE, draws(CONE)[0]).instruments.draw == 1.0
 
 
 def test_joined_plants_are_both_planted():
