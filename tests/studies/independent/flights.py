@@ -47,7 +47,8 @@ _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4, "imperfections"
 class TrueMotion:
     """What was so at the record's times, SI; moments and contributions complex.
 
-    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted, `parts` that
+    `moment` is C_m + i C_n of all, about the stated c.g.; `turning` what turns the stated inertias, trim and imbalance
+    with it; `contribution` C_N' + i C_Z' of what is planted, `parts` that
     of each effect (n, effects), `claim` that of the first, region or no. `share`
     is the contribution's rms in its region over the moment's rms over the record, `nominal_share` what amplitude 1
     was meant to give.
@@ -66,6 +67,7 @@ class TrueMotion:
     rates: np.ndarray
     force: np.ndarray
     moment: np.ndarray
+    turning: np.ndarray
     contribution: np.ndarray
     parts: np.ndarray
     claim: np.ndarray
@@ -260,6 +262,10 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
     arm = np.array(body.craft.vehicle.accelerometer_position) + errors.accel_position - np.array(body.centre)
     force = force + np.cross(change, arm) + np.cross(rates, np.cross(rates, arm))
     moment, contribution = stack(looks, "moment"), stack(looks, "contribution")
+    vehicle, pressure = body.craft.vehicle, stack(looks, "dynamic_pressure")
+    across, turned = rates[:, 1] + 1j * rates[:, 2], change[:, 1] + 1j * change[:, 2]
+    turning = vehicle.iyy * turned + 1j * (vehicle.iyy - vehicle.ixx) * rates[:, 0] * across  # Euler's equations
+    turning /= pressure * vehicle.reference_area * vehicle.reference_length
     acting = np.abs(contribution) > 0.0
     rms = np.sqrt(np.mean(np.abs(moment) ** 2))
     share = float(np.sqrt(np.mean(np.abs(contribution[acting]) ** 2)) / rms) if np.any(acting) else 0.0
@@ -272,11 +278,12 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         velocity=stack(looks, "speed"),
         mach=stack(looks, "mach"),
         altitude=-states[:, 2],
-        dynamic_pressure=stack(looks, "dynamic_pressure"),
+        dynamic_pressure=pressure,
         static_slope=np.array([body.static_slope(look.speed) for look in looks]),
         rates=rates,
         force=force,
         moment=moment,
+        turning=turning,
         contribution=contribution,
         parts=_parts(body.planted, looks),
         claim=np.array([body.planted.claim(look.running) for look in looks]),

@@ -135,7 +135,8 @@ def fly(
 
 
 def share_of(made: Made) -> float:
-    whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))
+    """The rms moment of what is planted over that of all that turns the vehicle."""
+    whole = np.sqrt(np.mean(np.abs(made.true.turning) ** 2))
     return float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
 
 
