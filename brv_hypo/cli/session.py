@@ -240,13 +240,6 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
             print(f"{now - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
-def _along(instruments: str) -> str | Path:
-    """The file of tolerances that comes along by that name; else as it is: a grade, or a file."""
-    from brv_hypo.simulation.config import config_names, config_path
-
-    return config_path(instruments, "instruments") if instruments in config_names("instruments") else instruments
-
-
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
 
 
@@ -261,8 +254,8 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
 
 complete_topics = _completion("docs", "topics")
-complete_configurations = _completion("simulation.config", "config_names")  # and files, where none begins so
-complete_studies = _completion("simulation.config", "config_names", "studies")
+complete_configurations = _completion("io.files", "config_names")  # and files, where none begins so
+complete_studies = _completion("io.files", "config_names", "studies")
 complete_grades = _completion("flight.tolerances", "GRADES")
 complete_installed = _completion("mechanisms.registry", "installed")
 
@@ -307,7 +300,7 @@ class Session:
             metavar="GRADE|FILE",
             autocompletion=complete_grades,
             help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, "
-            "industrial, or a YAML file.",
+            "industrial, a YAML file, or opportunity.",
         ),
     ] = None
     json: Annotated[
@@ -340,8 +333,7 @@ class Session:
         """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
         from brv_hypo.flight.format import load_flight
 
-        tolerances = None if self.instruments is None else _along(self.instruments)
-        return load_flight(path, instruments=tolerances).window(self.start, self.stop)
+        return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.

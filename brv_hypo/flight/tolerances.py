@@ -24,6 +24,7 @@ Vector = tuple[float, float, float]
 
 DEFAULT_GRADE = "tactical"
 GRADES = ("laboratory", "tactical", "industrial")
+_ALONG = "instruments"  # folder of the tolerances that come along
 _DEGREE = float(np.pi / 180.0)
 
 
@@ -96,16 +97,18 @@ def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
 
 
 def instruments_from(source: str | Path, record: Instruments) -> Instruments:
-    """The tolerances that a grade's name or a YAML file gives in place of those of a record.
+    """The tolerances that a grade's name, a YAML file, or the name of one that comes along gives in place of those of a
+    record.
 
     In a file, keys and units are those of the flight format: `gyro_bias` in deg/s, all else in SI, or text with units
     ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or key.
     """
-    path = Path(source)
-    if str(source) in GRADES or not (path.suffix or path.exists()):
-        return of_grade(str(source))
+    from brv_hypo.io.files import config_names, config_path
     from brv_hypo.io.mappings import read_yaml
 
+    path = config_path(source, _ALONG) if str(source) in config_names(_ALONG) else Path(source)
+    if str(source) in GRADES or not (path.suffix or path.exists()):
+        return of_grade(str(source))
     return tolerances_of(read_yaml(path, "tolerances"), record, str(path))
 
 

@@ -26,6 +26,7 @@ from brv_hypo.errors import (
     MissingRecordError,
     UsageError,
 )
+from brv_hypo.io.text import meant
 
 _KINDS = {
     stat.S_IFDIR: "a directory",
@@ -222,3 +223,32 @@ def _is_alive(process: int) -> bool:
     except PermissionError:  # it lives, and is another user's
         pass
     return True
+
+
+# ---- Configurations that come along ----
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+# An installed wheel carries the configurations inside the package, a checkout beside it.
+_HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+
+
+def config_names(folder: str = "") -> tuple[str, ...]:
+    """Names of the configurations that come with the program; `folder` holds those of another kind."""
+    return tuple(sorted({file.stem for home in _HOMES for file in (home / folder).glob("*.yaml")}))
+
+
+def config_path(name: str | Path, folder: str = "") -> Path:
+    """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
+
+    Raises UsageError with the nearest names.
+    """
+    if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
+        return Path(name)
+    for home in _HOMES:
+        for candidate in (home / folder / Path(name), home / folder / f"{name}.yaml"):
+            if kind_of(candidate) == "a file":
+                return candidate
+    known = config_names(folder)
+    hint = meant(Path(name).stem, known, f"those that come along: {', '.join(known)}.", 0.4, most=2)
+    raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")

@@ -11,7 +11,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
-from brv_hypo.io.files import kind_of
+from brv_hypo.io.files import config_names as config_names
+from brv_hypo.io.files import config_path as config_path
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, nearest
 from brv_hypo.mechanisms.contract import TimeVariation
@@ -249,32 +250,7 @@ SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
 # ---- Configurations from files and mappings, with refusals that say what to write instead ----
 
 
-_PACKAGE = Path(__file__).resolve().parents[1]
-# An installed wheel carries the configurations inside the package, a checkout beside it.
-_HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
-
 ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
-
-
-def config_names(folder: str = "") -> tuple[str, ...]:
-    """Names of the configurations that come with the program; `folder` holds those of another kind."""
-    return tuple(sorted({file.stem for home in _HOMES for file in (home / folder).glob("*.yaml")}))
-
-
-def config_path(name: str | Path, folder: str = "") -> Path:
-    """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
-
-    Raises UsageError with the nearest names.
-    """
-    if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
-        return Path(name)
-    for home in _HOMES:
-        for candidate in (home / folder / Path(name), home / folder / f"{name}.yaml"):
-            if kind_of(candidate) == "a file":
-                return candidate
-    known = config_names(folder)
-    hint = meant(Path(name).stem, known, f"those that come along: {', '.join(known)}.", 0.4, most=2)
-    raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
 
 
 def load_config(
@@ -292,7 +268,7 @@ def load_config(
     if unknown:
         raise UsageError(
             f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
-            f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `mechanisms`."
+            f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `plantable`."
         )
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config

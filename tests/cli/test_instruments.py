@@ -13,7 +13,6 @@ from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.report.reconstruction import reconstruction_document
 from brv_hypo.report.tables import flight_lines
-from brv_hypo.simulation import config_path
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
@@ -38,7 +37,7 @@ def test_a_file_replaces_what_it_names(flight_file, tmp_path):
 
 def test_a_file_that_comes_along_has_a_name(flight_file):
     along = Session(instruments="opportunity").load(flight_file).instruments
-    assert along == load_flight(flight_file, instruments=config_path("opportunity", "instruments")).instruments
+    assert along == load_flight(flight_file, instruments="opportunity").instruments
     assert along.accel_position == pytest.approx((0.01, 0.01, 0.01))
     assert Session(instruments="industrial").load(flight_file).instruments == of_grade("industrial")
 
