@@ -105,7 +105,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     if not names:
         raise UsageError(
             f"--mechanisms names none ({mechanisms!r}). Give names, as in lag,sticking+bodyfixed, or leave the option "
-            "out to compare the five that come along."
+            "out to compare the five that come along, and those of --plugin."
         )
     return {"mechanisms": names}
 
@@ -160,7 +160,7 @@ def trace(
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
     if mechanism_file is not None:
         if result.discovered is None:
-            session.warn(f"nothing was discovered, so {mechanism_file} is not written")
+            session.warn(f"no effect beyond what is installed was described, so {mechanism_file} is not written")
         else:
             write_whole(mechanism_file, mechanism_text(result.discovered))
             compared = f"brv-hypo compare FLIGHT.h5 --plugin {mechanism_file}"

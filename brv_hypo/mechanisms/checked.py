@@ -223,6 +223,8 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
             return f"`perturb` gave {type(given).__name__}, expected a Flight"
         columns = {name: getattr(given, name) for name in CHANNELS}
     elif method == "shapes":
+        if not isinstance(given, tuple | list):
+            return f"`shapes` gave {type(given).__name__}, expected a tuple of arrays, one for each shape"
         sides = (("C_m,in", np.real), ("C_n,side", np.imag))
         columns = {f"{side} of `shapes(...)[{k}]`": part(each) for k, each in enumerate(given) for side, part in sides}
     elif method == "components":

@@ -369,6 +369,8 @@ def read_model(path: Path) -> SavedModel:
 def read_structure(path: Path) -> SavedModel:
     """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
     content = read_mapping(path, _EXPECTED)
+    if content.get("schema") == "brv-hypo/compare/1":
+        raise UsageError(f"{path} is a comparison, which holds no model; `brv-hypo trace --model {path}` finds one.")
     try:
         own = content.get("format") == "brv-model"  # else a trace's JSON
         return SavedModel.model_validate(content if own else content["model"]["definition"])

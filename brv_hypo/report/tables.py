@@ -280,11 +280,15 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
     said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
-    sizes = [f"{name} {number(size, 2)}" for each in known for name, size in each.coefficients_95.items()]
+    sizes = [
+        f"{each.mechanism} {', '.join(f'{name} {number(size, 2)}' for name, size in each.coefficients_95.items())}"
+        for each in known
+        if each.coefficients_95
+    ]
     if rows:
         said.append(IN_A_PART)
     if sizes:
-        said.append(f"{ACTING_LONG}, at most: {', '.join(sizes)}.")
+        said.append(f"{ACTING_LONG}, at most: {'; '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append(NOT_EXCLUDED)
     if verdict.outcome == "none adequate":
