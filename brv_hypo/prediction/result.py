@@ -141,6 +141,11 @@ class Prediction(HasCharts, Result):
     reason: str
     record: RecordTrial = RecordTrial()
 
+    @property
+    def lacks_an_effect(self) -> bool:
+        """Whether something acts that no coefficients of this model explain."""
+        return bool(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED)
+
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""
         return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
@@ -212,18 +217,13 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             "the model was found at, and are not counted in these shares."
         )
     differs = _contradicted(found.difference) + _changed(found.local_change)
-    return said + (_lacking(found.misfit) or differs) + helps + _without(found.left_out)
-
-
-def _lacking(misfit: float) -> str:
-    """What no coefficients of this model explain, and what to do; empty where the residual may be noise."""
-    if not norm.sf((misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED:
-        return ""
-    return (
-        f" Beside processes and with coefficients of its own, this flight's residual is still {misfit:.2g} times the "
-        "noise: something acts that the model lacks, and a coefficient that differs may only stand for it. "
-        "`brv-hypo compare` on this flight tells more."
-    )
+    if found.lacks_an_effect:
+        differs = (
+            f" Beside processes and with coefficients of its own, this flight's residual is still {found.misfit:.2g} "
+            "times the noise: something acts that the model lacks, and a coefficient that differs may only stand for "
+            "it. `brv-hypo compare` on this flight tells more."
+        )
+    return said + differs + helps + _without(found.left_out)
 
 
 def _contradicted(difference: Difference | None) -> str:

@@ -340,6 +340,10 @@ def outcome_text(step: Step) -> str:
 
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
 HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
+FITTED_WORSE = (
+    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
+    "than the frozen one is."
+)
 WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
@@ -353,7 +357,7 @@ def prediction_document(result: Prediction) -> Document:
     ]
     regions = [{**_place(region), "ratio": _percent(region.ratio)} for region in result.regions]
     change = result.local_change
-    differences = [] if change is None else [
+    differences = [] if change is None or result.lacks_an_effect else [
         {
             "term": change.term,
             **_place(change),
@@ -371,6 +375,7 @@ def prediction_document(result: Prediction) -> Document:
         decided=result.ratio < HOLDS_BELOW and sound,
         blocks=(
             Table(errors, "Mean square of the moment coefficients", ("moments less",)),
+            Texts((FITTED_WORSE,) if result.error.own > result.error.frozen else (), bullets=False),
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
             Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
             *prediction_charts(result),
