@@ -64,6 +64,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
+NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
 
@@ -189,7 +190,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     pairs = [_without_idle_part(each, pairs) for each in pairs]
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
-    shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
+    shares = [_share(pair) for pair in pairs]
     weight = independent * shares[place]
     stated = [
         _estimated(fit, own, weighed(fit, own.level - null.level, weight), independent * share, scale)
@@ -209,7 +210,8 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
             offered[place] = in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *map(level, offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
-    least = max(map(level, found)) - OUT_OF_REACH
+    leading = max(found, key=level)
+    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place][0].mechanisms) > 1:
@@ -221,6 +223,11 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
             found[place] = plainest(problem, some, null)
     high = max(map(level, found)) - WIDENED
     return [widened(problem, each) if level(each) > high else each for each in found]
+
+
+def _share(pair: Pair) -> float:
+    """Of the squares that a hypothesis's terms and processes make, those of its terms: what a nat counts by that."""
+    return max(pair[1].share_of_terms, LEAST_SHARE) if pair[0].selected else 1.0
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
