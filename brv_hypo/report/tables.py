@@ -51,6 +51,7 @@ FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 SLOW = "drifts, gusts and the like, in every hypothesis"
 KIN = "Processes of one family may stand for one another: quote their sum."
+IN_TRIM = "The mean of a moment fixed in the body may be in trim instead."
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
     "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
@@ -147,6 +148,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
     kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
+    kin += (IN_TRIM,) if "body" in {each.family for each in shown if each.size > each.std_error} else ()
     return [table, Texts((*kin, *_one_drift(comparison)), bullets=False)]
 
 
