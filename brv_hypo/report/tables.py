@@ -148,8 +148,8 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
     kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
-    kin += (IN_TRIM,) if "body" in {each.family for each in shown if each.size > each.std_error} else ()
-    return [table, Texts((*kin, *_one_drift(comparison)), bullets=False)]
+    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
+    return [table, Texts((*kin, *_one_drift(comparison)), bullets=False), Texts(mean, bullets=False, shown="page")]
 
 
 def _one_drift(comparison: Comparison) -> list[str]:
