@@ -78,9 +78,12 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
     return maximised(rows, rows.terms(None), own.at)
 
 
-def find_local_change(own: Evidence) -> LocalChange | None:
+def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
     """The change of slope or damping, against before and after, that explains most; None where chance gives as much
     among so many.
+
+    Where it is, is found without processes, which take up a change that is not short; that it is, has to be significant
+    `beside` them too, and errs by as much as there: what is smooth throughout is no change between two times.
     """
     frame, motion = own.rows.frame, own.rows.frame.reconstructions[0].motion
     times = frame.time[own.rows.problem.rows.part.rows]
@@ -100,7 +103,8 @@ def find_local_change(own: Evidence) -> LocalChange | None:
         term, change = best([term], np.unique(around))
         spacing /= CHANGE_FINER
     p_value = float(stats.chi2.sf(change.peak, 1)) * len(terms) * math.comb(CHANGE_EDGES, 2)
-    if p_value > CHANGE_CHANCE:
+    (there,) = regions([beside], frame, ChangedSchedule(of=term.name), np.array(change.region), most=1)
+    if p_value > CHANGE_CHANCE or not there or stats.chi2.sf(there[0].peak, 1) > CHANGE_CHANCE:
         return None
     (value,), mach = change.estimate.tolist(), np.interp(change.region, motion.time, motion.mach)
     return LocalChange(
@@ -110,7 +114,7 @@ def find_local_change(own: Evidence) -> LocalChange | None:
         stop_s=change.region[1],
         mach=(float(mach.min()), float(mach.max())) if np.all(np.isfinite(mach)) else None,
         value=value,
-        std_error=abs(value) / math.sqrt(change.peak),
+        std_error=float(abs(there[0].estimate[0])) / math.sqrt(there[0].peak),
         f_ratio=change.peak,
         p_value=min(p_value, 1.0),
     )

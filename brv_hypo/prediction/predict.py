@@ -28,7 +28,8 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.flight import FlightSource, one_flight
+from brv_hypo.flight import FlightSource, load_flight, one_flight
+from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
 from brv_hypo.inference.evidence import Evidence
@@ -46,7 +47,7 @@ from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
 from brv_hypo.prediction.changes import find_difference, find_local_change, fixed_within
-from brv_hypo.prediction.result import Band, ErrorsOfPrediction, ModelSource, Prediction, Region, reason
+from brv_hypo.prediction.result import Band, ErrorsOfPrediction, LocalChange, ModelSource, Prediction, Region, reason
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
@@ -115,10 +116,11 @@ def predict(
     refit = refit.split(",") if isinstance(refit, str) else refit
     path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
     content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
-    record = one_flight(flight)
+    own = one_flight(flight)
+    record = averaged(own)  # as `trace` has it
     with threadpool_limits(limits=1, user_api="blas"):
         found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, chosen))
-    return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
+    return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
 
 
 def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
@@ -160,15 +162,19 @@ def _predict(
         better = max(alone, beside.null, key=lambda each: each.level)
         difference = find_difference(better, columns, fixed, both)
         differs = difference is not None and difference.p_value < REFUSED
-        within_both = fixed_within(alone, columns, fixed, both)
-        change = find_local_change(within_both)
+
+        def changed(agreed: FloatArray, known_by: FloatArray) -> tuple[LocalChange | None, Evidence]:
+            """A change between two times beside coefficients that are fixed within this covariance."""
+            own, beside_all = (fixed_within(each, columns, agreed, known_by) for each in (alone, beside.null))
+            return find_local_change(own, beside_all), own
+
+        change, within_both = changed(fixed, both)
         misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
         if change is not None and difference is not None and differs:
             # Nothing changes between two times where nothing does beside the coefficient that differs throughout.
             same = [k for k, j in enumerate(known) if columns[j].term != difference.term]
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
-            beside_it = fixed_within(alone, columns, agreed, both[np.ix_(same, same)])
-            change = None if find_local_change(beside_it) is None else change
+            change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
@@ -202,8 +208,12 @@ def _predict(
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
-    """The rms residual over the record's noise, a term of this F-ratio taken out."""
-    return own.noise * own.rows.noise_ratio * math.sqrt(max(1.0 - gain / own.rows.size, 0.0))
+    """The rms residual over the record's noise, a term of this F-ratio taken out.
+
+    The noise's level has a narrow prior: a residual far beyond it has another rms.
+    """
+    squares = float(np.sum(own.residual[own.rows.counted] ** 2)) - gain * own.noise**2
+    return own.rows.noise_ratio * math.sqrt(max(squares, 0.0) / own.rows.size)
 
 
 # ---- The frozen model on this flight ----
@@ -303,15 +313,17 @@ def _in_model(model: Model, name: str) -> str:
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
-    """Whether the model was estimated from this very record, or a longer part of it: then its times and errors are the
-    flight's.
+    """Whether the model was estimated from this very record, or a longer part of its file: then its times and errors
+    are the flight's. Another record under the same name is another flight.
     """
-    first, last = float(flight.time[0]), float(flight.time[-1])
-    of_file = any(
-        Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
-        for name, (start, stop) in zip(content.found_on, content.times, strict=False)
-    )
-    return of_file or digest(flight) in content.digests
+    if digest(flight) in content.digests:
+        return True
+    first, last, path = float(flight.time[0]), float(flight.time[-1]), Path(flight.path)
+    spans = [(start, stop) for start, stop in content.times if start <= first and last <= stop]
+    if not spans or not path.is_file() or path.name not in {Path(name).name for name in content.found_on}:
+        return False
+    whole = load_flight(path)
+    return any(digest(whole.window(*span)) in content.digests for span in spans)
 
 
 def _tolerated(flight: Flight) -> tuple[str, ...]:

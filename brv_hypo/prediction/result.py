@@ -57,8 +57,8 @@ class LocalChange(NullIsNaN):
     """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop.
 
     More than before and after: what is off throughout is no change.
-    `mach` are the Mach numbers there, None where they are unknown; `f_ratio` is of one coefficient, at the effective
-    number of samples, `p_value` is paid for all terms and regions that were tried.
+    `mach` are the Mach numbers there, None where they are unknown; `f_ratio` is of one coefficient without
+    processes, `p_value` is paid for all terms and regions that were tried; `std_error` is that beside processes.
     """
 
     term: str

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.linearisation.frame import ResidualMoments, residual_moments
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
-from brv_hypo.model.model import Model, ModelError, SavedColumn, SavedModel
+from brv_hypo.model.model import Model, ModelError, SavedColumn, SavedModel, digest
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.prediction import Prediction, predict
 from brv_hypo.tracing import Trace, TraceConfig
@@ -141,14 +142,14 @@ def test_what_follows_the_records_time_does_not_last() -> None:
     assert model.lasting.tolist() == [False, True, True, False]
 
 
-def with_a_jump(result: Trace, found_on: str) -> SavedModel:
-    """The model of a trace with a body-fixed moment from 2 s on."""
+def with_a_jump(result: Trace, found_on: str, *digests: str) -> SavedModel:
+    """The model of a trace with a body-fixed moment from 2 s on, found on records of these digests."""
     definition = result.model.definition
     zeros = tuple(0.0 for _ in definition.columns)
     covariance = (*((*row, 0.0, 0.0) for row in definition.covariance), (*zeros, 1e-12, 0.0), (*zeros, 0.0, 1e-12))
     across = JUMP.model_copy(update={"term": "C_b sin(phi_b)"})
     columns = (*definition.columns, JUMP, across)
-    update = {"columns": columns, "covariance": covariance, "found_on": (found_on,), "digests": ()}
+    update = {"columns": columns, "covariance": covariance, "found_on": (found_on,), "digests": digests}
     return definition.model_copy(update=update)
 
 
@@ -169,7 +170,7 @@ def elsewhere(record: Flight) -> Prediction:
 def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
     record: Flight, elsewhere: Prediction
 ) -> None:
-    at_home = predict(record, with_a_jump(traced_trim(), str(record.path)))
+    at_home = predict(record, with_a_jump(traced_trim(), str(record.path), digest(record)))
     assert at_home.left_out == ()
     assert any(term.mechanism == "bodyfixed" for term in at_home.frozen)
     assert elsewhere.left_out == ("bodyfixed",)
@@ -219,3 +220,14 @@ def test_a_trace_tells_its_models_error(record: Flight) -> None:
     assert definition.error is not None
     assert definition.times == ((float(record.time[0]), float(record.time[-1])),)
     assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise)
+
+
+def test_another_record_under_the_same_name_is_another_flight(record: Flight, tmp_path: Path) -> None:
+    """Also one of the same times: a path says where a record is, not which."""
+    other = replace(record, q=1.01 * record.q)
+    path = tmp_path / Path(record.path).name
+    save_flight(other, path)
+    model = with_a_jump(traced_trim(), str(path), digest(record))
+    assert not predict(load_flight(path), model).own_record
+    assert predict(load_flight(record.path).window(1.0, 5.0), model).own_record
+    assert not predict(replace(other, path=""), with_a_jump(traced_trim(), "")).own_record
