@@ -79,6 +79,9 @@ from brv_hypo.thresholds import BOUND_COSTS, CREDIBLE_PROBABILITY
 # Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.
 LIKELIHOOD_STEPS = 8  # from a good regression 5 or 6 are enough, the record effects among its parameters, or none are
 LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compares no more
+ALONE = (
+    "Joined flights share coefficients, and the Mach numbers of changes: compare each alone to see whether they do so."
+)
 LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
 """Fraction of a comparison that is done before each."""
 
@@ -122,6 +125,9 @@ def compare(
     analysed = [averaged(flight) for flight in tried]
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         found, reasons = without_faulty(partial(_compare_without, analysed, config, say))
+    if not record.sound:
+        reason = f"{found.verdict.reason} But the record contradicts itself: what it seems to say may be that."
+        found = found.model_copy(update={"verdict": found.verdict.model_copy(update={"reason": reason})})
     about_record = {
         "record": record,
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
@@ -183,6 +189,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
         gaps = [gap for each in timed for gap in gaps_of(each)]
         verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
+    if len(flights) > 1 and verdict.outcome != "named":
+        verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {ALONE}"})
     known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)

@@ -266,17 +266,18 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
     """The verdict, where a process of the moment, but for those that a user has `stated`, is far beyond an ordinary
     size beside a mechanism that it names, without that name: what moves the vehicle so may be what that describes.
     """
-    best = verdict.winner or verdict.described
+    named = verdict.winner or verdict.described
+    best = named or next(iter(verdict.equivalent), None)
     far = [each for each in verdict.processes if each.is_far and each.is_of_moment and each.name not in stated]
     if best in (None, NONE) or not far:
         return verdict
-    cause = f" It {NO_CAUSE}." if verdict.described is None else ""
+    cause = f" It {NO_CAUSE}." if verdict.winner is not None else ""
     sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
     said = (
         f"{verdict.reason}{cause} Beside it processes are far beyond their ordinary size ({sizes} times): something "
         f"large is not on the list, or two mechanisms act (list their sum, as {best}+NAME)."
     )
-    return _described(verdict, best, said)
+    return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

@@ -206,10 +206,10 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     if band.inside < PREDICTED_HOLDS:
         said += _FIXED if found.own_record else _NARROW
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
+        less = f", without {', '.join(found.left_out)}," if found.left_out else ""
         said += (
-            f" On held-out blocks of the flights that it was found on its residual was {band.model_error:.2g} (rms), "
-            f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the prediction "
-            "interval includes this residual."
+            f" On held-out blocks of the flights that it was found on its residual{less} was {band.model_error:.2g} "
+            f"(rms), {band.model_error / np.sqrt(noise):.1f} times the noise: the prediction interval includes this."
         )
     if found.flown < PREDICTED_NEARLY_ALL:
         said += (
@@ -246,18 +246,15 @@ def _changed(change: LocalChange | None) -> str:
     return (
         f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
         f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
-        f"(F {change.f_ratio:.0f})."
+        f"(F {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
     )
 
 
 def _without(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
-    act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
-    return (
-        f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left out "
-        f"here; the moment that {they} explained there is included in the prediction interval."
-    )
+    act, are = ("acts", "is") if len(left_out) == 1 else ("act", "are")
+    return f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left out."
 
 
 def _explains(share: float) -> str:
