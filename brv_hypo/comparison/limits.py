@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -67,10 +67,10 @@ class Shape:
 def limits(
     leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> tuple[MechanismLimit, ...]:
-    """The share of the moment's rms, processes included, that each hypothesis may have at 95 %; a joined one has that
-    of its largest.
+    """The share of the moment's rms, processes included, that each hypothesis may have at 95 %; a joined one that
+    does not lead has that of its largest.
 
-    One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
+    The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
     be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
@@ -79,14 +79,14 @@ def limits(
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     whole_record = np.ptp(frame.coefficient_time)
     known: dict[str, float] = {}
-    fitted: dict[str, float] = {}
+    of_leader = _fitted(leader, frame, evidence.covariance / weight, scale, own) if own else (0.0, 0.0, 0.0)
+    fitted = {"share_of_moment": of_leader[0] / moment, "share_std_error": of_leader[1] / moment}
     in_part: dict[str, float] = {}
     sizes: dict[str, dict[str, float]] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            size, error, most = _fitted(leader, frame, evidence.covariance / weight, scale)
+            *_, most = _fitted(leader, frame, evidence.covariance / weight, scale, {mechanism.name})
             known[mechanism.name] = most / moment
-            fitted = {"share_of_moment": size / moment, "share_std_error": error / moment}
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
             rooms = _rooms(shapes, weight)
@@ -96,6 +96,7 @@ def limits(
             in_part[mechanism.name] = max(parts, default=float("inf")) / moment
             sizes[mechanism.name] = _coefficients(shapes, rooms, frame, mechanism)
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
+    shares |= {leader.name: of_leader[2] / moment} if leader.name in shares else {}
     return tuple(
         MechanismLimit(
             mechanism=name,
@@ -123,8 +124,10 @@ def _whole_moment(evidence: Evidence, frame: RateFrame, leader: HypothesisFit) -
     return float(np.sqrt(np.mean(np.abs(whole.with_mechanisms(own).moments(columns) @ values) ** 2)))
 
 
-def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float) -> tuple[float, float, float]:
-    """The rms moment that what was fitted has, its standard error, and what it has at most.
+def _fitted(
+    fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float, mechanisms: Collection[str]
+) -> tuple[float, float, float]:
+    """The rms moment that what was fitted of some mechanisms has, its standard error, and what it has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
     lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
@@ -138,6 +141,8 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale:
         ends = [frame.moments(parameter.moved(fit.selected, end)) @ values for end in (low, high)]
         columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
     at_mode, made = np.append(values, np.zeros(len(fit.nonlinear))), np.concatenate(columns, axis=1)
+    owners = [*(column.mechanism for column in fit.selected), *(each.mechanism for each in fit.nonlinear)]
+    made[:, [k for k, owner in enumerate(owners) if owner not in mechanisms]] = 0.0
     if fit.left_out is not None:
         slopes = (made.conj().T @ (made @ at_mode)).real  # of half the squares
         covariance = covariance * fit.left_out.scatter(np.append(np.zeros(first), slopes)[np.newaxis]) ** 2

@@ -127,6 +127,9 @@ def test_two_mechanisms_at_two_times_are_named_by_their_sum_and_neither_alone() 
     assert "list their sum" in alone.reason
     found = compare(flight, mechanisms=["sticking", "bodyfixed", "sticking+bodyfixed"], **known)
     assert found.verdict.winner == "sticking+bodyfixed"
+    limits = {each.mechanism: each.share_of_moment_95 for each in found.verdict.limits}
+    assert max(limits["sticking"], limits["bodyfixed"]) < limits["sticking+bodyfixed"]
+    assert limits["sticking+bodyfixed"] < limits["sticking"] + limits["bodyfixed"]
     first, last = (each for each in found.ranking[0].intervals if each.acts)
     assert (first.start_s, first.stop_s, last.start_s, last.stop_s) == pytest.approx((1.0, 2.6, 3.6, 5.0), abs=0.02)
     true = {"eps": 0.6, **C_B}
