@@ -70,8 +70,8 @@ def limits(
     """The share of the moment's rms, processes included, that each hypothesis may have at 95 %; a joined one that
     does not lead has that of its largest.
 
-    The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
-    be far larger than the moment, the record says nothing: the limit is withheld (NaN).
+    The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
+    `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
     frame = rows.frame_of(leader)
