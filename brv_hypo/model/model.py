@@ -20,7 +20,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator, model_validator
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.mappings import read_mapping
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, TimeVariation, current_name
@@ -330,8 +330,15 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
     to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
     estimated anew, within their priors.
-    Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
+    Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option, and
+    UnanswerableError where the static moment follows a Mach number that a record lacks.
     """
+    by_mach = content.table or content.schedule or (content.static is not None and content.static.by == "mach")
+    if by_mach and any(flight.mach is None for flight in flights):
+        raise UnanswerableError(
+            "a record has no Mach number, which the model's static moment follows. Add mach or altitude to it, or "
+            "trace the model's flight with `baseline: constant`."
+        )
     content = content.of_as_many(len(flights))
     files = {file.name: mechanism_of(file) for file in content.files}
     table = () if content.table is None else (TableSlope(table=content.table), TableIncrements(table=content.table))

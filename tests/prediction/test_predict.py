@@ -343,6 +343,12 @@ def test_the_model_may_be_what_trace_returned_or_its_part_and_what_is_refitted_o
         predict(sister, 3)  # type: ignore[arg-type]
 
 
+def test_a_record_without_mach_number_cannot_be_predicted_by_it(traced: Trace, sister: Flight) -> None:
+    assert traced.model.definition.static is not None
+    with pytest.raises(UnanswerableError, match="no Mach number"):
+        predict(replace(sister, mach=None), traced)
+
+
 @pytest.mark.thorough
 def test_an_event_that_the_model_lacks_is_no_difference_of_a_coefficient(traced: Trace) -> None:
     """C_mq differed by 22 of its standard errors where a moment fixed in the body began."""
