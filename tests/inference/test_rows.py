@@ -15,6 +15,7 @@ from brv_hypo.comparison import CompareConfig
 from brv_hypo.comparison.preparation import linearised_about, shared_problem
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Rows, maximised, rows_of
+from brv_hypo.inference.build import point_of
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.rows import SETTLING
 from brv_hypo.mechanisms import Mechanism, MomentProcess, Term, registry, use_plugin_files
@@ -40,7 +41,7 @@ def of_baseline(*flights: Flight) -> Rows:
     config = CompareConfig(mechanisms=("damping",), knot_count=3)
     problem, chosen = shared_problem([reconstruct(flight) for flight in flights], config)
     fit = fit_hypothesis(problem, "none", ())
-    whole, _ = linearised_about(problem, fit, chosen, config)
+    whole, _ = linearised_about(problem, point_of(problem, fit.frame, fit.columns), chosen, config)
     return rows_of(whole, fit)
 
 
