@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,6 +69,17 @@ def test_the_added_effect_is_the_first_candidate(made: Callable[[], Trace]) -> N
     result = made()
     added = [step for step in result.steps if step.added is not None]
     assert all(step.candidates[0].effect == step.added for step in added)
+
+
+@ANY_TRACE
+def test_each_steps_error_before_is_the_one_befores_after(made: Callable[[], Trace]) -> None:
+    result = made()
+    for step, following in pairwise(result.steps):
+        assert following.error_before == step.error_after
+    models = pairwise(result.account[-1 - len(result.added) :])
+    for step, (before, after) in zip(result.steps, models, strict=False):
+        assert step.error_after is not None
+        assert (step.error_before.held_out, step.error_after.held_out) == (before.held_out, after.held_out)
 
 
 @pytest.mark.slow
