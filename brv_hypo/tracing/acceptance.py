@@ -25,7 +25,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, rows_of
-from brv_hypo.linearisation.channels import split
+from brv_hypo.linearisation.channels import most_blocks, split
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
@@ -487,8 +487,8 @@ def _repetitions(beside: Beside, fit: Fit) -> Iterator[Rows]:
     """The rows with other blocks, and with another inertia and dynamic pressure by a tolerance of either."""
     problem, data = beside.rows.problem, fit.data
     for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(data.frame, data.whole.valid, round(share * data.source.config.blocks))
-        yield rows_of(problem.on(fitted), beside.point)
+        blocks = min(round(share * data.source.config.blocks), most_blocks(data.frame))
+        yield rows_of(problem.on(split(data.frame, data.whole.valid, blocks)[0]), beside.point)
     nuisances = problem.rows.nuisances
     for effect in REPEATED_ERRORS:
         unit = np.array([float(item.name == effect) for item in nuisances.items])

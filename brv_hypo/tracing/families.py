@@ -147,7 +147,7 @@ class Beside:
         falls = dict[str, FloatArray]()
         for family, before, after in zip(order, squares, squares[1:], strict=False):
             falls[family] = np.asarray(falls.get(family, 0.0) + before - after)
-        histories = self._histories(selected[-1][1])
+        histories = self._histories(selected[-1][1]) if selected else {}
         found = []
         for family, fall in falls.items():
             share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
@@ -171,10 +171,10 @@ class Beside:
         return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
     def _selected(self, names: Sequence[str]) -> list[tuple[str, Evidence]]:
-        """Families one after another, each the one that raises the evidence most, while that gains."""
+        """Families one after another, each the one that raises the evidence most, while that gains; maybe none."""
         rest, known = list(dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
         found: list[tuple[str, Evidence]] = []
-        level = -np.inf
+        level = self.evidence(names, ()).level
         while rest:
             tried = {family: self.evidence(names, [*known, family]) for family in rest}
             best = max(rest, key=lambda family: tried[family].level)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,6 +73,19 @@ def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
     fit = beside.fits[beside.leader]
     assert len({column.time_basis for column in fit.selected}) > 1
     assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == (stated or "body")
+
+
+@pytest.mark.parametrize(("gains", "named"), [((2.9, 1.0), []), ((9.0, 3.5), ["air", "body"]), ((9.0, 2.9), ["air"])])
+def test_a_family_explains_some_only_where_the_evidence_wants_it(gains: tuple[float, float], named: list[str]) -> None:
+    """The first is held against none at all, as the next ones against those before."""
+    each = dict(zip(("air", "body"), gains, strict=True))
+    groups = [SimpleNamespace(family=family) for family in each]
+
+    def evidence(_: Any, families: Sequence[str]) -> Any:
+        return SimpleNamespace(level=-500.0 + sum(each[family] for family in families))
+
+    beside: Any = SimpleNamespace(rows=SimpleNamespace(groups=groups), evidence=evidence)
+    assert [family for family, _ in Beside._selected(beside, [])] == named
 
 
 @pytest.mark.slow
