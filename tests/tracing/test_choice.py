@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import acceptance
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted, named_again
 from brv_hypo.tracing.result import Step, TraceConfig
 from brv_hypo.tracing.trace import _confirmed, beside_hints
 
@@ -262,6 +262,29 @@ def test_what_follows_a_step_that_the_final_model_demotes_is_a_hint() -> None:
         terms=gains, gain=gains.__getitem__, is_adequate=lambda _: True, rest_of_family=lambda _: 0.0
     )
     assert [step.status for step in beside_hints(_confirmed([first, second], beside))] == ["hint", "hint"]
+
+
+@dataclass(frozen=True)
+class Again:
+    """Stands for what is beside all processes: in each repetition its `rows` say what an effect gains."""
+
+    rows: dict[str, float]
+
+    def gain_of(self, fit: Any) -> float:
+        return self.rows[fit.name]
+
+
+@pytest.mark.parametrize("offered", [("lag",), ("lag", "trim")])
+def test_a_repetition_names_what_leads_it_and_is_wanted_there(
+    offered: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that alone is significant is repeated too."""
+    gains = [{"lag": 30.0, "trim": 20.0}, {"lag": 30.0, "trim": 40.0}, {"lag": -30.0, "trim": -40.0}]
+    monkeypatch.setattr(acceptance, "_with_other_blocks", lambda *_: gains)
+    monkeypatch.setattr(acceptance, "_with_other_knots", lambda *_: ())
+    candidates, beside, fit = [candidate(name, 90.0) for name in offered], Again({}), fit_beside_nothing()
+    named = [*named_again(cast(Any, beside), candidates, candidates[0], fit)]
+    assert named == [True, len(offered) == 1, False]
 
 
 def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
