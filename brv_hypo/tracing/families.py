@@ -30,7 +30,7 @@ from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
-from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
@@ -238,8 +238,9 @@ def beside_processes(
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
         x = rows.of_moments(rows.frame, [given_column(history_name(each)) for each in own])
-        flight = data.flights[own[0].flight]
-        terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
+        searched = next((each for each in record_effects() if each.name == name), own[0].effect)  # not as it is set
+        variants = [(each, flight) for flight in data.flights for each in searched.variants(flight)]
+        terms[name] = _of_record(x, sum(len(each.components(flight)) for each, flight in variants))
         families[name] = own[0].effect.family
         if not has_tolerance(problem, name):
             shift += x @ np.array([each.value for each in own])

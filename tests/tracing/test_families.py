@@ -133,15 +133,23 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
 
 
 def test_what_was_taken_out_of_a_record_is_weighed_as_the_record_reads() -> None:
-    """A step of the wind taken out of a record that has none; of its value a share was put back."""
+    """A step of the wind taken out of a record that has none; of its value a share was put back.
+
+    It is paid for as one of all steps that were searched, not of those about the time that was found.
+    """
     source = Flights((nominal().flight,), CONFIG)
-    model, effect = start_model(source), find_installed("wind_step")
-    assert isinstance(effect, RecordEffect)
+    model, installed = start_model(source), find_installed("wind_step")
+    assert isinstance(installed, RecordEffect)
+    searched = installed.variants(source.records[0])
+    effect = searched[4]
     component, units, size = effect.components(source.records[0])[0]
     assert size != 1.0
     step = Applied(effect=effect, component=component, units=units, size=size, value=4.0 * size)
     known, without = fitted_about(correct(source, model), model), model.but(applied=(step,))
     fit = fitted_about(correct(source, without), without, known.values, known.noise)
-    own = beside_processes(fit, model).evidence(["wind_step"])
+    beside = beside_processes(fit, model)
+    own = beside.evidence(["wind_step"])
+    tried = sum(len(each.components(source.records[0])) for each in searched)
+    assert beside.terms["wind_step"].prior == pytest.approx(-np.log(tried))
     assert own.covariance[-1, -1] < (0.5 * size) ** 2
     assert abs(own.values[-1]) < size
