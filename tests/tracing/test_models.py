@@ -134,6 +134,16 @@ def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
     assert model.saved() == content
 
 
+def test_each_of_several_flights_has_its_own_of_what_one_flights_model_has_of_its_vehicle(flight: Flight) -> None:
+    """A trim, and what begins at a time of the record; a moment by design is one of all."""
+    own = SavedColumn(mechanism="trim", term="C_m0", units="1")
+    begins = SavedColumn(mechanism="damping", term="C_mq", units="1/rad", kind="jump", start=2.0)
+    shared = SavedColumn(mechanism="magnus", term="C_npalpha", units="1/rad")
+    content = SavedModel(columns=(own, begins, shared))
+    assert [column.flight for column in restored(content, (flight, flight)).columns] == [0, 1, 0, 1, None]
+    assert [column.flight for column in restored(content, (flight,)).columns] == [None, None, None]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
