@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -327,7 +328,8 @@ def constant_moment(flights: Sequence[Flight]) -> StaticMoment:
 def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
     """The model that the data hold, for these flights.
 
-    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
+    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere; of one
+    flight's model, each of several has its own of what belongs to a vehicle or to times of a record. Increments
     to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
     estimated anew, within their priors.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option, and
@@ -347,13 +349,18 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in known)
     known |= {name: files[name] if name in files else find(name) for name in names}
     applied = tuple(error.applied(flights[error.flight]) for error in content.record)
+    columns = list[Regressor]()
+    for column in content.columns:
+        mechanism = known[column.mechanism]
+        found = column.regressor(mechanism)
+        if frozen or column.mechanism not in TOLERATED:
+            many = len(flights) > 1 and found.flight is None
+            apart = many and (found.time_basis.kind != "constant" or mechanism.of_each_flight(flights[0]))
+            numbers = range(len(flights)) if apart else [found.flight]
+            columns += [replace(found, flight=number) for number in numbers]
     return Model(
         mechanisms={mechanism.name: mechanism for mechanism in known.values()},
-        columns=tuple(
-            column.regressor(known[column.mechanism])
-            for column in content.columns
-            if frozen or column.mechanism not in TOLERATED
-        ),
+        columns=tuple(columns),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
     )

@@ -10,7 +10,7 @@ from operator import attrgetter
 import numpy as np
 
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, refined_fit, solved
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.search import extended
@@ -125,7 +125,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
     """A mechanism's columns beside the model; None if it adds none.
 
     On one flight as `compare` searches them, under the record's own noise (`sharp`): where much of the residual is the
-    effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids.
+    effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids, refined.
     """
     problem = fit.problem
     if len(problem.records) == 1:
@@ -138,6 +138,10 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         searched = len({column for offer in offered for column in offer})
         named = mechanism.name, (mechanism,), frame
         fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]
+        if mechanism.parameters():  # between the points of their grids, further terms may be worth their price
+            sizes = sorted({len(each.selected) for each in fits})
+            best = (likeliest([each for each in fits if len(each.selected) == size]) for size in sizes)
+            fits += [refined_fit(problem, each, each.columns, ()) for each in best]
     return Candidate("mechanism", fit.null, likeliest(fits)) if fits else None
 
 

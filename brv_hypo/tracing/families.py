@@ -30,7 +30,7 @@ from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
-from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
@@ -147,7 +147,7 @@ class Beside:
         falls = dict[str, FloatArray]()
         for family, before, after in zip(order, squares, squares[1:], strict=False):
             falls[family] = np.asarray(falls.get(family, 0.0) + before - after)
-        histories = self._histories(selected[-1][1])
+        histories = self._histories(selected[-1][1]) if selected else {}
         found = []
         for family, fall in falls.items():
             share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
@@ -171,10 +171,10 @@ class Beside:
         return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
     def _selected(self, names: Sequence[str]) -> list[tuple[str, Evidence]]:
-        """Families one after another, each the one that raises the evidence most, while that gains."""
+        """Families one after another, each the one that raises the evidence most, while that gains; maybe none."""
         rest, known = list(dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
         found: list[tuple[str, Evidence]] = []
-        level = -np.inf
+        level = self.evidence(names, ()).level
         while rest:
             tried = {family: self.evidence(names, [*known, family]) for family in rest}
             best = max(rest, key=lambda family: tried[family].level)
@@ -238,8 +238,9 @@ def beside_processes(
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
         x = rows.of_moments(rows.frame, [given_column(history_name(each)) for each in own])
-        flight = data.flights[own[0].flight]
-        terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
+        searched = next((each for each in record_effects() if each.name == name), own[0].effect)  # not as it is set
+        variants = [(each, flight) for flight in data.flights for each in searched.variants(flight)]
+        terms[name] = _of_record(x, sum(len(each.components(flight)) for each, flight in variants))
         families[name] = own[0].effect.family
         if not has_tolerance(problem, name):
             shift += x @ np.array([each.value for each in own])

@@ -136,10 +136,12 @@ class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
     `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
-    `error_before`, `error_after` are those of the moment coefficients, `held_out_score` the fall of the error of these
-    and of the specific force, in which an error of the record may show alone, in standard errors.
+    `error_before`, `error_after` are those of the moment coefficients by the model before and as it is with what was
+    added (where nothing was, with the best that was refused). `error_ratio_held_out` is of the latter and the model
+    without it: what every fit has within its tolerance is held at zero there. `held_out_score` is the fall of the error
+    of these and of the specific force, in which an error of the record may show alone, in standard errors.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
-    blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint, and `doubts`
+    blocks and knots; `named_in` is the share of them that name it. All else is a hint, and `doubts`
     say why. `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all share is
     known from the others alone. `removed`: effects of earlier steps that the model has no need of beside this one.
     `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has

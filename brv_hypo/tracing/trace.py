@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -31,7 +32,7 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded
+from brv_hypo.tracing.acceptance import Candidate, Choice, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
@@ -107,7 +108,6 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
         say(f"step {number}: trying the effects")
         turn = _turn(number, fits[-1], *tried, steps)
         steps.append(turn.step)
-        fits[-1] = turn.before
         if turn.after is None:
             nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
             stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
@@ -115,7 +115,9 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
         fits.append(turn.after)
     first, last = fits[0], fits[-1]
     if any(step.status == "finding" for step in steps):
-        steps = _confirmed(steps, beside_processes(last, first.model))
+        bend = [StaticBend.name] if StaticBend.name not in last.model.mechanisms else []  # an effect in its place
+        steps = _confirmed(steps, beside_processes(last, first.model.without(bend)))
+    steps = beside_hints(steps)
     alone = beside_processes(last, last.model) if turn.after else turn.beside
     result = gathered(last, first.left, alone.null, steps, _account(fits, steps), stopped, turn.discovery)
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
@@ -172,14 +174,13 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
 
 
 class Turn(NamedTuple):
-    """One step of the result with the fit that it starts from and the one that it leads to.
+    """One step of the result with the fit that it leads to.
 
     `discovery`: where it leads to none, the description in generic terms that is significant all the same. `beside` is
     what it adds, and processes beside that, on the whole record.
     """
 
     step: Step
-    before: Fit
     after: Fit | None
     discovery: MechanismFile | None
     beside: Beside
@@ -208,19 +209,18 @@ def _turn(
         there, candidates = analyse_step(fitted_about(fit.data, model.without([StaticBend.name])), bends, ())
         named = choose(there, candidates)
         if named.accepted is not None:
-            here, choice, before = there, named, ()
-    with_it = here if choice.accepted is None else choice.accepted.fit
-    beside = beside_processes(with_it, here.model)
-    step, after = _reported(number, here, choice, before, beside), None
-    if choice.accepted is not None:
+            here, choice = there, named
+    accepted, after, gone = choice.accepted, None, tuple[str, ...]()
+    beside = beside_processes(here if accepted is None else accepted.fit, here.model)
+    if accepted is not None:
         # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-        after = converged_from(with_it)
-        earlier = [each.added for each in before if each.added is not None and each.added != step.added]
+        after = converged_from(accepted.fit)
+        earlier = [each.added for each in before if each.added not in (None, accepted.candidate.name)]
         if gone := unwanted(after, earlier):
             after = converged_from(fitted_about(after.data, after.model.without(gone)))
-            step = step.model_copy(update={"removed": gone})
     described = [] if after else [each.file for each in choice.significant if each.file is not None]
-    return Turn(step, here, after, described[0] if described else None, beside)
+    step = _reported(number, fit, choice, after, beside).model_copy(update={"removed": gone})
+    return Turn(step, after, described[0] if described else None, beside)
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -258,34 +258,49 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
 
-    def doubts(name: str) -> tuple[str, ...]:
+    def doubt(name: str) -> str:
         if gains.get(name, -np.inf) < SPECIFIC:
-            return ("beside the final model, processes explain the flight as well",)
+            return "beside the final model, processes explain the flight as well"
         if not adequate:
-            return ("the final model is inadequate",)
+            return "the final model is inadequate"
         much = beside.rest_of_family(name) > FAMILY_REST
-        return ("processes of its family have much to explain beside it",) if much else ()
+        return "processes of its family have much to explain beside it" if much else ""
 
     return [
-        step.model_copy(update={"status": "hint", "doubts": found})
-        if step.status == "finding" and step.added is not None and (found := doubts(step.added))
+        _as_hint(step, found)
+        if step.status == "finding" and step.added is not None and (found := doubt(step.added))
         else step
         for step in steps
     ]
 
 
+def beside_hints(steps: Sequence[Step]) -> list[Step]:
+    """The steps, whose findings are hints where the model had what earlier steps added and did not establish.
+
+    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
+    """
+    found = list[Step]()
+    for step in steps:
+        rests = any(each.status == "hint" for each in lasting_steps([*found, step])[:-1])
+        found.append(_as_hint(step, "it rests on an earlier hint") if rests and step.status is not None else step)
+    return found
+
+
+def _as_hint(step: Step, doubt: str) -> Step:
+    return step.model_copy(update={"status": "hint", "doubts": (*step.doubts, doubt)})
+
+
 # ---- What a step says ----
 
 
-def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], beside: Beside) -> Step:
-    """One step of the result: the candidates with what was added first, and the errors before and after."""
+def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: Beside) -> Step:
+    """One step of the result: the candidates with what was added first, and the errors before and `after` it."""
     leading, accepted, doubts = choice.leading, choice.accepted, list[str]()
-    if accepted is not None and choice.named_in is not None:
-        doubts += accepted.doubts(choice.named_in, len(choice.ranked))
+    if accepted is not None and after is not None and choice.named_in is not None:
+        leading = replace(accepted, fit=after)
+        doubts += leading.doubts(choice.named_in, len(choice.ranked))
         if accepted.candidate.kind == "discovered" and len(fit.data.records) == 1:
             doubts.append("one flight establishes no description in generic terms")
-        if rests_on_hints(earlier):
-            doubts.append("it rests on an earlier hint")
     clearly_wanted = accepted is not None and accepted.gain >= SPECIFIC
     families = beside.shares([accepted.candidate.name] if accepted is not None and clearly_wanted else [])
     reported, shares = choice.reported[:_MOST_REPORTED], {each.family: each.share for each in families}
@@ -313,25 +328,14 @@ def _reported(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step], be
         standing=None if accepted is None else "hint" if doubts else "finding",
         doubts=tuple(doubts),
         named_in=choice.named_in,
-        error_before=_errors(fit if leading is None else leading.before),
-        **({} if leading is None else _after(leading)),
+        description="" if leading is None else _described(leading.candidate, fit),
+        error_before=Errors(fit=fit.error, held_out=fit.held_out),
+        error_after=None if leading is None else Errors(fit=leading.fit.error, held_out=leading.fit.held_out),
+        error_ratio_held_out=None if leading is None else leading.ratio,
+        error_ratio_std_error=None if leading is None else leading.ratio_error,
+        held_out_score=None if leading is None else leading.score,
+        ratio_of_flights_left_out=None if leading is None else leading.elsewhere,
     )
-
-
-def _after(leading: Tried) -> dict[str, Any]:
-    """What a step says of the candidate that leads."""
-    return {
-        "description": _described(leading.candidate, leading.before),
-        "error_after": _errors(leading.fit),
-        "error_ratio_held_out": leading.ratio,
-        "error_ratio_std_error": leading.ratio_error,
-        "held_out_score": leading.score,
-        "ratio_of_flights_left_out": leading.elsewhere,
-    }
-
-
-def _errors(fit: Fit) -> Errors:
-    return Errors(fit=fit.error, held_out=fit.held_out)
 
 
 def _described(candidate: Candidate, fit: Fit) -> str:
@@ -350,11 +354,3 @@ def _described(candidate: Candidate, fit: Fit) -> str:
     several, time = len(flights) > 1, getattr(candidate.effect, "time", None)
     parts = [what + (f" on flight {k + 1}" if several and k is not None else "") for what, k in said]
     return ", ".join(parts) + ("" if time is None else f" at {times(time)}")
-
-
-def rests_on_hints(earlier: Sequence[Step]) -> bool:
-    """Whether the model has what earlier steps added and did not establish.
-
-    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
-    """
-    return any(step.status == "hint" for step in lasting_steps(earlier))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import acceptance
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted
-from brv_hypo.tracing.result import TraceConfig
-from brv_hypo.tracing.trace import rests_on_hints
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted, named_again
+from brv_hypo.tracing.result import Step, TraceConfig
+from brv_hypo.tracing.trace import _confirmed, beside_hints
 
 SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -233,22 +233,58 @@ def test_what_is_no_finding_says_why(changed: dict[str, float], named_in: float,
 
 
 @pytest.mark.parametrize(
-    ("earlier", "told"),
+    ("earlier", "gone", "told"),
     [
-        ([], False),
-        ([("finding", "lag", ())], False),
-        ([(None, None, ())], False),
-        ([("finding", "lag", ()), ("hint", "trim", ())], True),
-        ([("hint", "trim", ()), ("finding", "lag", ())], True),
-        ([("hint", "trim", ()), ("finding", "lag", ("trim",))], False),
+        ([], (), False),
+        ([("finding", "lag")], (), False),
+        ([(None, None)], (), False),
+        ([("finding", "lag"), ("hint", "trim")], (), True),
+        ([("hint", "trim"), ("finding", "lag")], (), True),
+        ([("hint", "trim"), ("finding", "lag")], ("trim",), True),
+        ([("hint", "trim")], ("trim",), False),
     ],
 )
-def test_what_is_found_beside_hints_rests_on_them(
-    earlier: list[tuple[str | None, str | None, tuple[str, ...]]], told: bool
+def test_what_is_found_beside_hints_is_a_hint(
+    earlier: list[tuple[Any, str | None]], gone: tuple[str, ...], told: bool
 ) -> None:
     """On Opportunity's record a constant body-fixed moment, of a moment that drifts in the body, stood as a finding."""
-    steps: Any = [SimpleNamespace(status=standing, added=name, removed=gone) for standing, name, gone in earlier]
-    assert rests_on_hints(steps) is told
+    known = [Step.model_construct(status=status, added=name) for status, name in earlier]
+    last = Step.model_construct(status="finding", added="magnus", removed=gone)
+    steps = beside_hints([*known, last])
+    assert steps[-1].doubts == (("it rests on an earlier hint",) if told else ())
+    assert (steps[-1].status == "hint") is told
+
+
+def test_what_follows_a_step_that_the_final_model_demotes_is_a_hint() -> None:
+    first, second = (Step.model_construct(status="finding", added=name) for name in ("magnus", "trim"))
+    gains = {"magnus": 0.4 * SPECIFIC, "trim": 8.0 * SPECIFIC}
+    beside: Any = SimpleNamespace(
+        terms=gains, gain=gains.__getitem__, is_adequate=lambda _: True, rest_of_family=lambda _: 0.0
+    )
+    assert [step.status for step in beside_hints(_confirmed([first, second], beside))] == ["hint", "hint"]
+
+
+@dataclass(frozen=True)
+class Again:
+    """Stands for what is beside all processes: in each repetition its `rows` say what an effect gains."""
+
+    rows: dict[str, float]
+
+    def gain_of(self, fit: Any) -> float:
+        return self.rows[fit.name]
+
+
+@pytest.mark.parametrize("offered", [("lag",), ("lag", "trim")])
+def test_a_repetition_names_what_leads_it_and_is_wanted_there(
+    offered: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that alone is significant is repeated too."""
+    gains = [{"lag": 30.0, "trim": 20.0}, {"lag": 30.0, "trim": 40.0}, {"lag": -30.0, "trim": -40.0}]
+    monkeypatch.setattr(acceptance, "_with_other_blocks", lambda *_: gains)
+    monkeypatch.setattr(acceptance, "_with_other_knots", lambda *_: ())
+    candidates, beside, fit = [candidate(name, 90.0) for name in offered], Again({}), fit_beside_nothing()
+    named = [*named_again(cast(Any, beside), candidates, candidates[0], fit)]
+    assert named == [True, len(offered) == 1, False]
 
 
 def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:

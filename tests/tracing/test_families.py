@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,6 +75,19 @@ def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
     assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == (stated or "body")
 
 
+@pytest.mark.parametrize(("gains", "named"), [((2.9, 1.0), []), ((9.0, 3.5), ["air", "body"]), ((9.0, 2.9), ["air"])])
+def test_a_family_explains_some_only_where_the_evidence_wants_it(gains: tuple[float, float], named: list[str]) -> None:
+    """The first is held against none at all, as the next ones against those before."""
+    each = dict(zip(("air", "body"), gains, strict=True))
+    groups = [SimpleNamespace(family=family) for family in each]
+
+    def evidence(_: Any, families: Sequence[str]) -> Any:
+        return SimpleNamespace(level=-500.0 + sum(each[family] for family in families))
+
+    beside: Any = SimpleNamespace(rows=SimpleNamespace(groups=groups), evidence=evidence)
+    assert [family for family, _ in Beside._selected(beside, [])] == named
+
+
 @pytest.mark.slow
 def test_shares_are_of_one_whole_and_within_their_intervals() -> None:
     step = traced("damping_alpha").steps[0]
@@ -117,15 +133,23 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
 
 
 def test_what_was_taken_out_of_a_record_is_weighed_as_the_record_reads() -> None:
-    """A step of the wind taken out of a record that has none; of its value a share was put back."""
+    """A step of the wind taken out of a record that has none; of its value a share was put back.
+
+    It is paid for as one of all steps that were searched, not of those about the time that was found.
+    """
     source = Flights((nominal().flight,), CONFIG)
-    model, effect = start_model(source), find_installed("wind_step")
-    assert isinstance(effect, RecordEffect)
+    model, installed = start_model(source), find_installed("wind_step")
+    assert isinstance(installed, RecordEffect)
+    searched = installed.variants(source.records[0])
+    effect = searched[4]
     component, units, size = effect.components(source.records[0])[0]
     assert size != 1.0
     step = Applied(effect=effect, component=component, units=units, size=size, value=4.0 * size)
     known, without = fitted_about(correct(source, model), model), model.but(applied=(step,))
     fit = fitted_about(correct(source, without), without, known.values, known.noise)
-    own = beside_processes(fit, model).evidence(["wind_step"])
+    beside = beside_processes(fit, model)
+    own = beside.evidence(["wind_step"])
+    tried = sum(len(each.components(source.records[0])) for each in searched)
+    assert beside.terms["wind_step"].prior == pytest.approx(-np.log(tried))
     assert own.covariance[-1, -1] < (0.5 * size) ** 2
     assert abs(own.values[-1]) < size

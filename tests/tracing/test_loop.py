@@ -107,6 +107,16 @@ def test_a_record_too_short_is_refused(seconds: float) -> None:
         trace(flight)
 
 
+@pytest.mark.thorough
+def test_the_shortest_record_is_traced_with_fewer_blocks_where_repeated() -> None:
+    """Blocks of 8.2 samples; a quarter more of them would be too short to be held out."""
+    short = CASES["magnus"].model_copy(update={"sample_rate": 50.0, "duration": 261 / 50.0, "step": 0.02})
+    magnus = short.mechanisms[0].model_copy(update={"terms": {"C_npalpha": -30.0}})
+    flight = simulate(short.model_copy(update={"mechanisms": (magnus,)}), seed=1).flight
+    result = trace(flight, effects=("magnus", "lag"), max_steps=1)
+    assert result.steps[0].named_in == 1.0
+
+
 @pytest.mark.shared
 @pytest.mark.slow
 def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None:

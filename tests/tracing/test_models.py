@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -70,6 +71,17 @@ def test_the_added_effect_is_the_first_candidate(made: Callable[[], Trace]) -> N
     assert all(step.candidates[0].effect == step.added for step in added)
 
 
+@ANY_TRACE
+def test_each_steps_error_before_is_the_one_befores_after(made: Callable[[], Trace]) -> None:
+    result = made()
+    for step, following in pairwise(result.steps):
+        assert following.error_before == step.error_after
+    models = pairwise(result.account[-1 - len(result.added) :])
+    for step, (before, after) in zip(result.steps, models, strict=False):
+        assert step.error_after is not None
+        assert (step.error_before.held_out, step.error_after.held_out) == (before.held_out, after.held_out)
+
+
 @pytest.mark.slow
 def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(result: Trace) -> None:
     step = next(step for step in result.steps if step.added == "accel_scale")
@@ -120,6 +132,16 @@ def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
     model = restored(content, (flight,))
     assert model.added == ("found",)
     assert model.saved() == content
+
+
+def test_each_of_several_flights_has_its_own_of_what_one_flights_model_has_of_its_vehicle(flight: Flight) -> None:
+    """A trim, and what begins at a time of the record; a moment by design is one of all."""
+    own = SavedColumn(mechanism="trim", term="C_m0", units="1")
+    begins = SavedColumn(mechanism="damping", term="C_mq", units="1/rad", kind="jump", start=2.0)
+    shared = SavedColumn(mechanism="magnus", term="C_npalpha", units="1/rad")
+    content = SavedModel(columns=(own, begins, shared))
+    assert [column.flight for column in restored(content, (flight, flight)).columns] == [0, 1, 0, 1, None]
+    assert [column.flight for column in restored(content, (flight,)).columns] == [None, None, None]
 
 
 @pytest.mark.parametrize(

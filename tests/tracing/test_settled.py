@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from brv_hypo.inference.rows import rows_of
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
-from brv_hypo.tracing.acceptance import LOOP_REPEATED_BLOCKS, REPEATED_ERRORS, _repetitions
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import start_model
-from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Fit, Flights, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
 from tests.comparison.pulse import fitted, pulse
@@ -79,17 +74,6 @@ def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearis
     assert all(linear[0].known[key] is history for key, history in known.items())
     assert [item.label for item in again.rows.nuisances.items] == [item.label for item in first.rows.nuisances.items]
     assert np.array_equal(again.raw_response, first.raw_response)
-
-
-@pytest.mark.thorough
-def test_a_repetition_with_another_inertia_is_the_problem_with_that_prior(state: Fit) -> None:
-    beside = beside_processes(state, state.model, state.data.fitted)
-    problem, nuisances = beside.rows.problem, beside.rows.problem.rows.nuisances
-    moved = tuple(replace(i, present=i.present + (i.name == REPEATED_ERRORS[0])) for i in nuisances.items)
-    other = replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=moved)))
-    repeated = list(_repetitions(beside, state))[len(LOOP_REPEATED_BLOCKS)]
-    assert repeated.y - beside.rows.y == pytest.approx(rows_of(other, beside.point).y - beside.rows.y, abs=1e-6)
-    assert np.linalg.norm(repeated.y - beside.rows.y) > 0.01
 
 
 @pytest.mark.slow

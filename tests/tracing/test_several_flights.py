@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import find
 from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import predict
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.additions import analyse_step
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.fit import Flights, converged
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 from tests.studies.loop.planting import another_flight
@@ -99,6 +104,18 @@ def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     np.testing.assert_allclose([t.value for t in predicted.refitted], TRIMS[1], atol=0.15 * 1.2e-3)
     error = predicted.error
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
+
+
+@pytest.mark.slow
+def test_a_delay_of_several_flights_is_found_between_the_points_of_its_grid() -> None:
+    delay = {"delay": 0.055}
+    lag = PlantedConfig(mechanism="lag", theta=delay, terms={"lag fraction": 0.03}, kind="constant")
+    data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
+    config = SimulationConfig.model_validate(data | {"mechanisms": (lag,)})
+    source = Flights(tuple(simulate(another_flight(config, k), seed=30 + k).flight for k in range(2)), QUICK)
+    _, (candidate,) = analyse_step(converged(source, start_model(source)), [find("lag")], ())
+    (found,) = {value for column in candidate.fit.selected for _, value in column.theta}
+    assert found == pytest.approx(delay["delay"], rel=0.1)
 
 
 @pytest.mark.slow
