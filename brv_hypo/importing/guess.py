@@ -243,8 +243,8 @@ def _add(table: ForeignTable, other: ForeignTable) -> None:
             "main one: give its time an offset, if the two differ"
         )
     for channel in AIR:
-        # Speed is better made of ax and altitude than taken from a recorder's own integral.
-        derived = channel == "velocity" and {"ax", "altitude"} <= set(main)
+        # Speed in a climb is better made of ax and altitude than taken from a recorder's own integral.
+        derived = channel == "velocity" and {"ax", "altitude"} <= set(main) and _rises(table.values("altitude"))
         if channel in other.entries and channel not in main and not derived:
             main[channel] = replace(other.entries[channel], recorder=name)
             table.joined[channel] = np.interp(table.in_si("time"), clock, other.values(channel), np.nan, np.nan)
