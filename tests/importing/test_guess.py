@@ -308,3 +308,17 @@ def test_a_long_and_fast_log_alone_is_offered_another_rate(tmp_path: Path, secon
         "velocity": "ft/s",
         "altitude": "ft",
     }
+
+
+@pytest.mark.parametrize("falls", [False, True])
+def test_speed_is_derived_from_a_climb_alone(tmp_path: Path, falls: bool) -> None:
+    """On an entry the altitude gives none: its column is named, or said to be missing."""
+    time = np.arange(0.0, 5.0, 0.01)
+    altitude = 1e3 * (60.0 - time) if falls else 1e3 * time
+    columns = {"GMT_s": time, "P_dps": 70.0 + np.sin(time), "Q_dps": np.sin(3.0 * time), "R_dps": np.cos(3.0 * time)}
+    columns |= {"NX_g": -1.0 - 0.1 * time, "NY_g": 0.01 * np.sin(time), "NZ_g": 0.01 * np.cos(time), "ALT_m": altitude}
+    bare = guess_map(write_csv(tmp_path / "bare.csv", columns))
+    assert ("derive" in yaml.safe_load(bare.text)) is not falls
+    assert ("no column was found for velocity, and the altitude of no climb" in " ".join(bare.unsure)) is falls
+    whole = guess_map(write_csv(tmp_path / "whole.csv", columns | {"VT_mps": 8000.0 - time}))
+    assert channels_of(whole.text)["velocity"] == {"column": "VT_mps", "units": "m/s"}
