@@ -57,7 +57,7 @@ def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", [11, 26])
+@pytest.mark.parametrize("number", [11, pytest.param(26, marks=pytest.mark.slow)])
 def test_processes_do_not_stand_for_an_onset(number: int) -> None:
     """They and a jump at its end described it as the opposite moment after it, 25 to 110 nats less likely."""
     made, _, _ = drawn_flight(904000 + number, number, "tactical", "all")

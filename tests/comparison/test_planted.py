@@ -112,7 +112,7 @@ def test_a_mechanism_that_looks_back_by_a_fixed_time_is_named(tmp_path: Path) ->
         assert abs(abs(term.value) - 0.08) < 3.0 * term.std_error < 0.01
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_mechanisms_at_two_times_are_named_by_their_sum_and_neither_alone() -> None:
     """Processes made up for the second, by flow of a body-fixed moment: the first was named, too small."""
     acting = [

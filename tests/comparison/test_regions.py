@@ -88,7 +88,7 @@ def test_a_mechanism_is_found_for_which_processes_had_made_up() -> None:
     assert begins == pytest.approx(made.true.planted.start, abs=0.2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_fraction_follows_the_static_moment_that_is_found_beside_processes() -> None:
     """Of that without, which is too large beside lobes, it was 9 % too small: 8.6 stated errors."""
     made, found = drawn(971035)
