@@ -29,8 +29,8 @@ LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
 QUICKLY = {"env PYTHONIOENCODING=ascii {}"}
 THOROUGH = {
     STREAMS[1],
-    *STREAMS[::2],
-    *LINES[::18],
+    *STREAMS[::4],
+    *LINES[::36],
     "env PYTHONWARNINGS=error {}",
 }  # the slow tests have all others: each takes 6 s
 
