@@ -216,10 +216,9 @@ def predict(
     from brv_hypo.tracing import TraceConfig
 
     settings = settings_of(TraceConfig, session.config)
-    names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
     record = session.load(flight)
     with session.progress("predicting") as progress:
-        result = predicted(record, model, names, settings, progress=progress)
+        result = predicted(record, model, refit, settings, progress=progress)
     session.deliver(prediction_document(result), result, settings, [flight, model])
 
 

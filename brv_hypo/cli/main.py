@@ -41,7 +41,7 @@ def listing(session: Session, context: typer.Context) -> None:
     session.claim()
     from brv_hypo.mechanisms import installed
     from brv_hypo.report.listings import listing_data, listing_table, plantable_texts
-    from brv_hypo.simulation.config import config_names, load_config
+    from brv_hypo.simulation import config_names, load_config
 
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
@@ -174,8 +174,7 @@ def new_settings(
 ) -> None:
     """Write a commented file of settings, to change and use."""
     from brv_hypo.settings import commented
-    from brv_hypo.simulation import config_path
-    from brv_hypo.simulation.config import config_names
+    from brv_hypo.simulation import config_names, config_path
 
     path = Path(f"{kind}.yaml") if output is None else output
     folders = {name: (folder, use) for _, folder, use in ALONG.values() for name in config_names(folder)}

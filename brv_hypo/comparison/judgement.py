@@ -24,7 +24,7 @@ from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
     Pair,
     acting,
-    along_delays,
+    beyond_linear,
     in_one_region,
     level,
     likelier,
@@ -196,7 +196,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
         _estimated(fit, own, weighed(fit, own.level - null.level, weight), independent * share, scale)
         for (fit, own), share in zip(pairs, shares, strict=True)
     ]
-    if np.any(more := along_delays(problem, pairs[place], weight)):  # of coefficients, knots and delays
+    if np.any(more := beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
         stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
     return Judged(problem, rows, tuple(stated), tuple(own for _, own in pairs), weight)

@@ -85,8 +85,10 @@ def limits(
     sizes: dict[str, dict[str, float]] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            *_, most = _fitted(leader, frame, evidence.covariance / weight, scale, {mechanism.name})
-            known[mechanism.name] = most / moment
+            of_it = of_leader
+            if len(own) > 1:
+                of_it = _fitted(leader, frame, evidence.covariance / weight, scale, {mechanism.name})
+            known[mechanism.name] = of_it[2] / moment
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
             rooms = _rooms(shapes, weight)

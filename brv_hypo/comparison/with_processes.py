@@ -2,8 +2,8 @@
 
 The search, which knows no processes, describes with many knots what they explain. In order: `with_its_evidence` (a fit
 as it was searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without
-what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, and the errors
-`along_delays`. Forms have a `price`.
+what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, with errors
+`beyond_linear`. Forms have a `price`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one a
 COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, and the likeliest of them
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
 WITH_ONSETS = 3  # of those that come on over a time too, at most
-AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
+# Standard errors of a delay at which the evidence is found; of a knot, the last of them is one standard error.
+AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
@@ -432,7 +433,7 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
     return pair
 
 
-def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
+def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     """What is to be added to the covariance of coefficients, knots and delays for how delays and knots that are not
     surely placed differ from linear.
 

@@ -422,7 +422,9 @@ def one_flight(source: FlightSource) -> Flight:
 
     Raises UsageError for anything else, and FlightRecordError for a Flight with values that are not finite.
     """
-    flight = load_flight(source) if isinstance(source, str | Path) else getattr(source, "flight", source)
+    if isinstance(source, str | Path):
+        return load_flight(source)
+    flight = getattr(source, "flight", source)
     if isinstance(flight, Flight):
         used = np.concatenate([np.arange(*segment) for segment in flight.segments])
         for name, values in flight.arrays().items():

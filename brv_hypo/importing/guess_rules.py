@@ -46,7 +46,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
                          ("pdyn",), ("dynpress",), ("q", "psf"), ("q", "pa"), ("q", "kpa"), ("q", "psi")),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",),
-                 ("vt",), ("v", "t"), ("vinf",), ("vair",)),
+                 ("vt",), ("vinf",), ("vair",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",), ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),

@@ -113,13 +113,14 @@ def predict(
     saved = summary.definition if isinstance(summary, ModelSummary) else summary
     if not isinstance(saved, SavedModel | str | Path):
         raise UsageError(f"got {type(saved).__name__} for a model, expected what `trace` returned, or a file of it.")
-    refit = refit.split(",") if isinstance(refit, str) else refit
+    named = refit.split(",") if isinstance(refit, str) else refit
+    refitted = tuple(current_name(name.strip()) for name in named if name.strip())
     path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
     content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, chosen))
+        found = _predict(record, content, path, refitted, _in_blocks(record, chosen))
     return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
 
 

@@ -11,8 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
-from brv_hypo.io.files import config_names as config_names
-from brv_hypo.io.files import config_path as config_path
+from brv_hypo.io.files import config_path
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, nearest
 from brv_hypo.mechanisms.contract import TimeVariation

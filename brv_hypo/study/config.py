@@ -23,12 +23,13 @@ from brv_hypo.comparison import CompareConfig
 from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.plausibility import FEET, GRAVITY, PSF
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
+from brv_hypo.io.files import config_path
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.motion.compatibility import DEGREES
 from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
-from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig, config_path
+from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig
 
 # ---- Faults injected in sound records ----
 

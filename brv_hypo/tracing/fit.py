@@ -249,9 +249,8 @@ class Fit:
             slopes = prediction_slopes(nonlinear, columns, self.values, frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
-        counted = problem.samples + int(
-            free[len(columns) :].sum()
-        )  # the samples are less constants and nuisances already
+        # Constants and nuisances are subtracted from the problem's samples already.
+        counted = problem.samples + int(free[len(columns) :].sum())
         found = covariance_of(fitted, residual, counted, efficiency)
         covariance[np.ix_(free, free)] = found[:count, :count]
         return np.asarray(covariance[np.ix_(self._places, self._places)], dtype=float)

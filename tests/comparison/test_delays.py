@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.with_processes import Pair, _with_columns, along_delays, scanned
+from brv_hypo.comparison.with_processes import Pair, _with_columns, beyond_linear, scanned
 from brv_hypo.inference.evidence import with_amplitudes
 from tests.chains import judged_cone
 
@@ -43,7 +43,7 @@ def test_the_error_of_a_delay_reaches_to_where_the_evidence_has_fallen_by_a_half
     pair, weight = leading("lag"), 1e-4
     fit, own = pair
     place = len(fit.columns) + next(k for k, each in enumerate(fit.nonlinear) if each.kind == "theta")
-    more = along_delays(judged_cone("lag").problem, pair, weight)
+    more = beyond_linear(judged_cone("lag").problem, pair, weight)
     whole = own.covariance / weight + more
     assert np.all(np.linalg.eigvalsh(whole) >= -1e-9 * np.trace(whole))
     size = float(np.sqrt(more[place, place] + own.covariance[place, place] / weight))
@@ -69,7 +69,7 @@ def test_a_fraction_errs_along_the_curve_on_which_a_shorter_delay_makes_up_for_i
     fraction = fit.baseline_size
     linear, whole = (
         own.covariance / weight,
-        own.covariance / weight + along_delays(judged_cone("lag").problem, pair, weight),
+        own.covariance / weight + beyond_linear(judged_cone("lag").problem, pair, weight),
     )
     error, delay = (float(np.sqrt(whole[k, k])) for k in (fraction, place))
     shorter = max(delay_of(pair) - delay, 0.1 * delay_of(pair))
@@ -80,7 +80,7 @@ def test_a_fraction_errs_along_the_curve_on_which_a_shorter_delay_makes_up_for_i
 
 def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
-    assert not np.any(along_delays(judged_cone("bodyfixed").problem, pair, 1.0))
+    assert not np.any(beyond_linear(judged_cone("bodyfixed").problem, pair, 1.0))
     assert scanned(judged_cone("bodyfixed").problem, pair) is pair
 
 
