@@ -425,7 +425,8 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
         fit, own = pair
         parameter, place = fit.nonlinear[k], len(fit.selected) + k
         values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
-        found = [pair, *(_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)]
+        tried = (_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)
+        found = [pair, *(each for each in tried if len(each[0].nonlinear) == len(fit.nonlinear))]
         best = max(found, key=lambda each: each[1].level_without([place]))
         if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
             found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
@@ -476,6 +477,8 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
         least = parameter.value * 0.5**doublings if parameter.kind == "theta" else parameter.bounds[0]
         value = min(max(parameter.value + times * sigma, least), parameter.bounds[1])
         there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
+        if len(there.nonlinear) < len(fit.nonlinear):  # it has met another, and the two are one from there on
+            break
         after = math.sqrt(max(2.0 * weight * (level - other.level_without(free)), 0.0))
         at = other.values_without(free)[:count]
         further = np.append(at, [each.value for each in there.nonlinear]) - at_mode

@@ -164,17 +164,14 @@ class HypothesisFit:
 
     @property
     def bic(self) -> float:
-        """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
-        chosen = len({column.choice for column in self.selected})
-        return self.bound_cost + extended_bic(
-            self.rss, self.samples, self.effective, self.parameters, self.searched, chosen
-        )
-
-
-def extended_bic(rss: float, samples: int, effective: float, parameters: int, searched: int, selected: int) -> float:
-    """n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, selected)."""
-    choices = math.lgamma(searched + 1) - math.lgamma(selected + 1) - math.lgamma(max(searched - selected, 0) + 1)
-    return effective * math.log(max(rss, 1e-300) / samples) + parameters * math.log(effective) + 2.0 * choices
+        """Extended BIC (Chen and Chen 2008), n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, chosen) at the effective
+        sample size n_e: what was searched is paid for.
+        """
+        chosen, n = len({column.choice for column in self.selected}), self.effective
+        choices = math.lgamma(self.searched + 1) - math.lgamma(chosen + 1)
+        choices -= math.lgamma(max(self.searched - chosen, 0) + 1)
+        misfit = n * math.log(max(self.rss, 1e-300) / self.samples)
+        return self.bound_cost + misfit + self.parameters * math.log(n) + 2.0 * choices
 
 
 def fit_hypothesis(
@@ -247,8 +244,13 @@ def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray)
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
-    """The same columns, in time order, fitted under the problem's noise model."""
-    return refined_fit(problem, fit, _in_order(problem, fit), fit.selected, steps)
+    """The same columns, in time order (what is scanned first, not what was found first), under the problem's noise."""
+
+    def place(column: Regressor) -> tuple[bool, float, str, Theta]:
+        """What always acts comes first; then what begins first."""
+        return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
+
+    return refined_fit(problem, fit, (*problem.baseline, *sorted(fit.selected, key=place)), fit.selected, steps)
 
 
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -261,16 +263,6 @@ def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
     """Whether a mechanism may be made of C_mw: those with parameters of their own."""
     return any(mechanism.parameters() for mechanism in mechanisms)
-
-
-def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Regressor, ...]:
-    """The baseline's columns and then the fit's in time order: what is scanned first, not what was found first."""
-    return (*problem.baseline, *sorted(fit.selected, key=_place))
-
-
-def _place(column: Regressor) -> tuple[bool, float, str, Theta]:
-    """What always acts comes first; then what begins first."""
-    return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
 
 
 def refined_fit(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,17 @@ def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
     assert not np.any(beyond_linear(judged_cone("bodyfixed").problem, pair, 1.0))
     assert scanned(judged_cone("bodyfixed").problem, pair) is pair
+
+
+def test_the_interval_of_a_knot_ends_before_another() -> None:
+    """Where it reaches the other the two are one, of fewer coefficients: what errs is as at the last value before."""
+    (fit, own), problem = leading("bodyfixed"), judged_cone("bodyfixed").problem
+    first, last = (each for each in fit.nonlinear if each.kind == "knot")
+    reaching = replace(first, bounds=(first.bounds[0], last.value))
+    pair = replace(fit, nonlinear=(reaching, last)), own
+    more = beyond_linear(problem, pair, 1e-9)
+    assert more.shape == own.covariance.shape
+    assert np.all(np.isfinite(more))
 
 
 def test_two_changes_at_one_time_are_one() -> None:
