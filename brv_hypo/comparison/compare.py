@@ -39,7 +39,7 @@ from brv_hypo.comparison.judgement import (
     processes,
     weighed,
 )
-from brv_hypo.comparison.limits import limits
+from brv_hypo.comparison.limits import acting_beside, limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
@@ -52,6 +52,7 @@ from brv_hypo.comparison.verdict import (
     with_far_processes,
     with_gaps,
     with_prediction_error,
+    with_second,
 )
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
@@ -66,6 +67,7 @@ from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested, stated_processes
+from brv_hypo.model.common_time import at
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
@@ -166,6 +168,10 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
     verdict = with_far_processes(verdict, stated_processes())
+    leading = fits[beside.leader]
+    if second := acting_beside(leading, beside.evidences[beside.leader], answered, beside.weight):
+        where = " to ".join(at(problem.frame.common, end) for end in second.region)
+        verdict = with_second(verdict, leading.name, second, where)
     if len(flights) > 1:
         verdict = with_better_rival(verdict, ratios)
     selected = clock.perf_counter()

@@ -329,7 +329,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
         process = known[group.name]
         if isinstance(process, MomentProcess):
             size, error = moment_of_process(own, k, process)
-            share = size / rows.moment
+            share = size / rows.measured_moment
         else:
             size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
             share = float(np.linalg.norm(own.made_by(k))) / rows.static

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
@@ -14,13 +15,12 @@ from scipy.stats import chi2
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.derivatives import with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
+from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -29,6 +29,7 @@ LIMIT_QUANTILE = 0.975
 LIMIT_LARGEST = 10.0  # rms moments above which nothing is known of a mechanism's size
 LIMIT_PART = 0.25  # of the record, for which a mechanism acts whose coefficients are limited too
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
+SECOND_EDGES = 21  # the same of a mechanism that may act beside the leader
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 SPENT = 1e-8
 _AT_ONCE = 200  # parts of regions that are made together; of more the pairs between thetas cost more than they save
@@ -67,15 +68,15 @@ class Shape:
 def limits(
     leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> tuple[MechanismLimit, ...]:
-    """The share of the moment's rms, processes included, that each hypothesis may have at 95 %; a joined one that
-    does not lead has that of its largest.
+    """The share of the rms of the measured moment that each hypothesis may have at 95 %; a joined one that does not
+    lead has that of its largest.
 
     The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
     `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
     frame = rows.frame_of(leader)
-    moment = _whole_moment(evidence, frame, leader)
+    moment = rows.measured_moment
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     whole_record = np.ptp(frame.coefficient_time)
     known: dict[str, float] = {}
@@ -114,16 +115,31 @@ def limits(
     )
 
 
-def _whole_moment(evidence: Evidence, frame: RateFrame, leader: HypothesisFit) -> float:
-    """The rms moment of the leader, of processes, and of the vehicle within its tolerances."""
-    whole, columns, values = with_processes(evidence, frame, leader.columns, leader.values)
-    own, always = nuisance_mechanisms(frame.reconstructions[0].flight), TimeBasis("constant")
-    items, names = evidence.rows.problem.rows.nuisances.items, {mechanism.name for mechanism in own}
-    for item, error in zip(items, evidence.errors.tolist(), strict=True):
-        if item.name in names:
-            columns.append(Regressor(item.name, item.component, (), always, item.units, flight=item.flight))
-            values = np.append(values, item.whole(error))
-    return float(np.sqrt(np.mean(np.abs(whole.with_mechanisms(own).moments(columns) @ values) ** 2)))
+class Second(NamedTuple):
+    """A mechanism that may act beside the leader, from where to where (s), and its gain, nats as they count."""
+
+    mechanism: str
+    region: tuple[float, float]
+    gain: float
+
+
+def acting_beside(
+    leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
+) -> Second | None:
+    """The mechanism on the list that would gain most beside the leader were no process of the moment above its ordinary
+    size: processes that are stand for it. None where none is, and of a leader that is a sum, or the baseline only.
+    """
+    own, listed = {each.name for each in leader.mechanisms}, [{m.name for m in group} for group in hypotheses.values()]
+    if len(own) != 1 or not evidence.has_large_processes:
+        return None
+    frame, small = evidence.rows.frame_of(leader), evidence.beside_small
+    others = {m.name: m for group in hypotheses.values() for m in group if own | {m.name} not in listed}
+    found = [
+        Second(name, shape.region, 0.5 * weight * shape.peak)
+        for name, mechanism in others.items()
+        for shape in regions([small], frame, mechanism, even_edges(frame, SECOND_EDGES), most=1)[0]
+    ]
+    return max(found, key=lambda each: each.gain, default=None)
 
 
 def _fitted(

@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.limits import Second
 from brv_hypo.comparison.result import (
     Adequacy,
     Explained,
@@ -27,6 +28,9 @@ from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 # Of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone.
 FAR_BETTER = 0.25
+# Nats as they count, from which a second mechanism is said to act: of two that act 200 to 9,000, of one up to 132
+# (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
+SECOND_ACTS = 150.0
 OTHER = "other"
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes stand for something
 NONE = "none"
@@ -278,6 +282,16 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
         f"large is not on the list, or two mechanisms act (list their sum, as {best}+NAME)."
     )
     return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
+
+
+def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Verdict:
+    """The verdict, with another mechanism that seems to act beside its leader, and `where` in words."""
+    if second.gain < SECOND_ACTS:
+        return verdict
+    said = (
+        f" {second.mechanism} seems to act beside {leader}, about {where}: compare {leader}+{second.mechanism} as well."
+    )
+    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

@@ -28,7 +28,7 @@ from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.held_out import block_of_whitened_row
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import prediction_slopes
-from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import orthonormal
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
@@ -331,6 +331,16 @@ class Rows:
     def frame_of(self, fit: HypothesisFit) -> RateFrame:
         """The frame in which C_mw is that of a fit."""
         return self.frame.with_mechanisms(fit.mechanisms).with_in_plane_moment(fit.columns, fit.values)
+
+    @cached_property
+    def measured_moment(self) -> float:
+        """rms of the moment coefficient that the derolled rates show beyond their noise, where this is less; as the
+        linearisation point has it where it is nowhere.
+        """
+        found = residual_moments(self.frame, self.problem.records, self.frame.observed)
+        shown = found.noise < self.moment
+        square = 2.0 * (found.mean_square(shown) - found.mean_square_of_noise(shown))
+        return float(np.sqrt(square)) if square > 0.0 else self.moment
 
     @cached_property
     def products(self) -> Products:
