@@ -24,7 +24,7 @@ from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
-from brv_hypo.mechanisms.contract import Process
+from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
@@ -343,12 +343,17 @@ def _series(
 
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:
-    """Of each process by name, at even times of a flight."""
-    processes: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    splines, found = {each.name: each.splines for each in processes}, {}
+    """Of each process by name, at even times of a flight; of a moment with the rms of its shapes about there."""
+    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
+    processes, found, motion = {each.name: each for each in every}, {}, own.rows.frame.motions[flight]
     for place, group in enumerate(own.rows.groups):
-        known = process_history(own, place, splines[group.name], flight, np.linspace(0.0, 1.0, _TIMES))
-        pairs = zip(*(each.tolist() for each in known), strict=True)
+        process, made = processes[group.name], np.ones((1, 1))
+        known = process_history(own, place, process.splines, flight, np.linspace(0.0, 1.0, _TIMES))
+        if isinstance(process, MomentProcess):
+            squares = np.array_split(np.abs(np.array(process.shapes(motion))) ** 2, _TIMES, axis=1)
+            local = np.sqrt(np.stack([part.mean(axis=1) for part in squares], axis=1))
+            made = local / max(rms_of_shapes(process, motion), 1e-300)
+        pairs = zip(*((made * each).tolist() for each in known), strict=True)
         found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
     return found
 

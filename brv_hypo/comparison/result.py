@@ -382,7 +382,7 @@ class Series(MotionHistories):
     """
     histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
     """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
-    process's units; of moments as a moment coefficient, by the rms of the shape.
+    process's units; of moments as the moment coefficient that it makes, by the rms of the shape about there.
     """
 
 
