@@ -32,7 +32,6 @@ from brv_hypo.comparison.with_processes import (
     plainest,
     possible_level,
     price,
-    scanned,
     together,
     widened,
     with_its_evidence,
@@ -187,7 +186,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
-    pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+    pairs[place] = moved(problem, pairs[place], closely=True)
     pairs = [_without_idle_part(each, pairs) for each in pairs]
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
     shares = [_share(pair) for pair in pairs]

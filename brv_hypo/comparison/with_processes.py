@@ -2,8 +2,8 @@
 
 The search, which knows no processes, describes with many knots what they explain. In order: `with_its_evidence` (a fit
 as it was searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without
-what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, with errors
-`beyond_linear`. Forms have a `price`.
+what is not wanted), `widened` (onsets that take time); of the leader `moved` closely, with errors `beyond_linear`.
+Forms have a `price`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import KNOT_MARGIN, SCANNED, middle, nonlinear_parameters
+from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
 from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
@@ -40,7 +40,6 @@ _NEAR = 10.0  # nats behind the best region, up to which one of another onset is
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
-_WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, and the likeliest of them
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
 WITH_ONSETS = 3  # of those that come on over a time too, at most
@@ -82,7 +81,7 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
-    return _closed_or_not(problem, moved(problem, _completed(problem, _without_unwanted(problem, likelier(pairs)))))
+    return _closed_or_not(problem, moved(problem, _without_unwanted(problem, likelier(pairs))))
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -417,23 +416,6 @@ def _level_fixed(pair: Pair) -> float:
     return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
 
 
-def scanned(problem: Problem, pair: Pair) -> Pair:
-    """With delays, and what goes with them, where they are likeliest of a scan about where steps of them ended: what is
-    multiplied by a delay makes up for it along a curve, which steps on a straight line leave.
-    """
-    for k in range(len(pair[0].nonlinear)):
-        fit, own = pair
-        parameter, place = fit.nonlinear[k], len(fit.selected) + k
-        values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
-        tried = (_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)
-        found = [pair, *(each for each in tried if len(each[0].nonlinear) == len(fit.nonlinear))]
-        best = max(found, key=lambda each: each[1].level_without([place]))
-        if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
-            found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
-            pair = max(*found, moved(problem, found[1], closely=True), key=level)
-    return pair
-
-
 def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     """What is to be added to the covariance of coefficients, knots and delays for how delays and knots that are not
     surely placed differ from linear.
@@ -488,30 +470,6 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
         if value in parameter.bounds:
             break
     return change
-
-
-def _completed(problem: Problem, pair: Pair) -> Pair:
-    """With all terms of a mechanism where some jump, unless that is far less likely: a term that a process explains as
-    well is uncertain, not absent.
-    """
-    fit, own = pair
-    if len(fit.mechanisms) != 1 or any(column.time_basis.kind == "ramp" for column in fit.selected):
-        return pair
-    (mechanism,), motion = fit.mechanisms, fit.frame.motions[0]
-    bases = dict.fromkeys((column.time_basis, column.theta) for column in fit.selected)
-    whole = [
-        term_column(mechanism, term, theta, basis)
-        for basis, theta in bases
-        if basis.kind == "jump" or "constant" in mechanism.time_variation
-        for term in mechanism.terms(motion, dict(theta))
-    ]
-    if len(whole) == len(fit.selected):
-        return pair
-    there = moved(problem, fitted(problem, fit, whole, own))
-    columns = there[1].terms.x[:, : len(whole)]
-    if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > _WORST_CONDITION:
-        return pair
-    return there if there[1].level > own.level - _LINEAR else pair
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:

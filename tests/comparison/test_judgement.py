@@ -243,7 +243,7 @@ def test_the_size_of_a_process_is_that_of_the_moment_that_it_plants(plant: tuple
         moment = sum(planted[term.name] * (term.in_plane + 1j * term.out_of_plane) for term in terms)
         size = float(np.sqrt(np.mean(np.abs(moment) ** 2)))
         assert each[process.name].size == pytest.approx(size, rel=1e-6, abs=1e-15)
-        assert each[process.name].share_of_moment == pytest.approx(size / rows.moment, rel=1e-6, abs=1e-12)
+        assert each[process.name].share_of_moment == pytest.approx(size / rows.measured_moment, rel=1e-6, abs=1e-12)
     for place, process in enumerate(record_processes()):
         share = np.linalg.norm(own.made_by(place)) / rows.static
         assert each[process.name].share_of_moment == pytest.approx(share)
