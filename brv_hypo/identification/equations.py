@@ -108,8 +108,7 @@ class Shapes:
 
     columns: tuple[Regressor, ...]
     acceleration: ComplexArray  # angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2
-    motion: Motion
-    past: tuple[Motion, ...]  # the motion at the delays
+    motions: tuple[Motion, ...]  # there and at the delays, kept as long: `VehicleModel` knows them by identity
     here: Point
     context: Context
 
@@ -184,11 +183,10 @@ class MomentModel:
     ) -> tuple[tuple[Regressor, ...], ComplexArray]:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
-        earlier = {
-            delay: self._with_in_plane_moment(motion, theta, columns, half, own) for delay, motion in past.items()
-        }
-        motion = self._with_in_plane_moment(now, theta, columns, half, own)
-        if earlier:
+        motion, *before = (
+            self._with_in_plane_moment(each, theta, columns, half, own) for each in (now, *past.values())
+        )
+        if earlier := dict(zip(past, before, strict=True)):
             motion = replace(motion, history=partial(earlier_motion, earlier))
         terms = evaluated(columns, self.mechanisms, motion)
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
@@ -202,8 +200,7 @@ class MomentModel:
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
-        terms = evaluated([column for _, column in fixed], self.mechanisms, motion)
-        weights = []
+        terms, weights = evaluated([column for _, column in fixed], self.mechanisms, motion), []
         for name, column in fixed:
             here = placed(column.time_basis, motion.time, half, own)
             weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
@@ -287,28 +284,19 @@ class VehicleModel:
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
         context = self._context(here.u)
-        now = self._motion(here, context, theta)
-        past = {}
+        now, past = self._motion(here, context, theta), dict[float, Motion]()
         for name in self.moments.structure.delays:
             before = point(delayed[name].x, delayed[name].u, here.time - theta[name])
             past[theta[name]] = self._motion(before, context, theta)
-        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
-        return self._shapes(key, lambda: self._evaluated(here, context, now, past, theta))
 
-    def _evaluated(
-        self, here: Point, context: Context, now: Motion, past: Mapping[float, Motion], theta: Values
-    ) -> Shapes:
-        columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
-        scale = here.input("pressure") * context.vehicle.moment_scale
-        turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(
-            columns=columns,
-            acceleration=planes * turn,
-            motion=now,
-            past=tuple(past.values()),
-            here=here,
-            context=context,
-        )
+        def evaluated() -> Shapes:
+            columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
+            scale = here.input("pressure") * context.vehicle.moment_scale
+            turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
+            return Shapes(columns, planes * turn, (now, *past.values()), here, context)
+
+        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
+        return self._shapes(key, evaluated)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -324,8 +312,7 @@ class VehicleModel:
 
     def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
         k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
-        p = here.input("p")
-        error = self._roll_rate_error(context, theta)
+        p, error = here.input("p"), self._roll_rate_error(context, theta)
         tolerated = _pair(MOMENTS, context, theta) * np.conj(here.to_body)
         return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
 

@@ -157,18 +157,17 @@ def build_problem(
 
     Raises UnanswerableError where no segment is long enough.
     """
-    size = block_size(frame, columns, values)
+    block = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     rates = frame.columns(columns) @ values if regressed is None else regressed.rates
     delays = delays_of(frame, columns)
-    records = node_records(frame, columns, values, rates, inputs, size, delays)
+    records = node_records(frame, columns, values, rates, inputs, block, delays)
     if not records:
         raise UnanswerableError(
-            f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
+            f"no stretch of the record is long enough for maximum likelihood at {block} samples a node. "
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
-    time = frame.coefficient_time
-    span = (float(time.min()), float(time.max()))
+    span = (float(frame.coefficient_time.min()), float(frame.coefficient_time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, delays)
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
@@ -180,10 +179,16 @@ def build_problem(
     theta |= structure.fixed_delays
     forces = _force_start(frame, span)
     theta |= forces
-    nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
-    theta |= {name: start for name, (start, _) in nuisances.items()}
-    priors = {name: (0.0, sigma) for name, (_, sigma) in nuisances.items()}
-    priors[FORCE_BEND] = (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)
+    priors = {FORCE_BEND: (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)}
+    for flight in dict.fromkeys(record.context.flight for record in records):
+        reconstruction = frame.reconstructions[flight]
+        size = gravity_size(reconstruction.flight)
+        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
+            theta[of_flight(name, flight)] = min(max(value, -size), size)
+            priors[of_flight(name, flight)] = (0.0, size)
+        left = [name for error in inputs[flight].errors for name in input_error(error, flight).weights]
+        theta |= dict.fromkeys(left, 0.0)
+        priors |= dict.fromkeys(left, (0.0, 1.0))
     tolerated = tuple(dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated))
     applied = {}
     for value, flight in tolerated:  # all in tolerances; what is estimated is beside what was taken out of the record
@@ -200,24 +205,9 @@ def build_problem(
         priors=priors,
         tolerated=tolerated,
         applied=applied,
-        block=size,
+        block=block,
         max_iterations=max_iterations,
     )
-
-
-def _nuisances(
-    frame: RateFrame, inputs: Sequence[SmoothInputs], flights: Sequence[int]
-) -> dict[str, tuple[float, float]]:
-    """Start and prior standard deviation of gravity and of what noise leaves in the inputs, by name; prior mean 0."""
-    found: dict[str, tuple[float, float]] = {}
-    for index in flights:
-        reconstruction = frame.reconstructions[index]
-        size = gravity_size(reconstruction.flight)
-        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
-            found[of_flight(name, index)] = (min(max(value, -size), size), size)
-        for error in inputs[index].errors:
-            found |= dict.fromkeys(input_error(error, index).weights, (0.0, 1.0))
-    return found
 
 
 def _force_start(frame: RateFrame, span: tuple[float, float]) -> dict[str, float]:

@@ -19,7 +19,14 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
+from brv_hypo.identification.parameters import (
+    RecordErrors,
+    Tolerated,
+    error_histories,
+    input_error,
+    noise_free_flights,
+    record_errors,
+)
 from brv_hypo.likelihood import Segment
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.moment_model import delays_requested
@@ -209,8 +216,7 @@ def node_records(
     `rates` (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a
     noise-free flight.
     """
-    moments = frame.moments(columns) @ values
-    noise_free = noise_free_flights(frame, rates, moments, inputs)
+    noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
     expected = [fitted(number, flight) for number, flight in enumerate(noise_free)]
     errors = record_errors(frame, expected, inputs, frozenset(column.mechanism for column in columns))
     shapes = frame.moments(
@@ -254,7 +260,7 @@ def _node_record(
     halfway = 0.5 * (nodes[1:] + nodes[:-1])
     acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
     slopes = CubicSpline(time[middle], shapes[middle] * acceleration[:, None])
-    table = _InputTable(flight, motion, inputs, samples, local, number)
+    table = _input_table(flight, motion, inputs, samples, local, number)
     at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
     between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
     state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
@@ -273,7 +279,7 @@ def _node_record(
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
     smoothed = (input_error(error, part.flight) for error in inputs.errors)
-    time_varying = (*smoothed, *errors.time_varying(time, samples, turn, local))
+    time_varying = (*smoothed, *error_histories(errors, part.flight, time, samples, turn, local))
     segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=time_varying)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
     return NodeRecord(
@@ -285,7 +291,7 @@ def _node_record(
         expected=expected,
         middle=nearest,
         samples=samples,
-        tolerated=tuple(errors.histories),
+        tolerated=tuple(errors),
     )
 
 
@@ -294,52 +300,43 @@ def _transverse(flight: Flight) -> ComplexArray:
     return np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])
 
 
-class _InputTable:
-    """Inputs of one segment at any times: means over blocks where the instruments are noisy, splines between."""
+def _input_table(
+    flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Inputs (inputs, n) of one segment at any times (n,) s, in the middle of intervals of twice so many s (n,).
 
-    def __init__(
-        self, flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
-    ) -> None:
-        middle = local[:, local.shape[1] // 2]
-        nodes = flight.time[rows][middle]
-        self._number = float(number)
-        self._time, self._wind, self._block = flight.time, flight.wind, flight.step * local.shape[1]
-        noisy = {
-            "p": smooth.roll_rate,
-            "speed": smooth.speed,
-            "pressure": smooth.pressure,
-            "mach": motion.mach,
-            "reynolds": motion.reynolds,
-        }
-        exact = {"roll": smooth.roll, "meridian": motion.windward_meridian}
-        for i, second in ((1, "y"), (2, "z")):
-            exact |= {f"gravity_{first}{second}": smooth.gravity_axes[:, i, j] for j, first in enumerate("xyz")}
-        at_nodes = {name: np.nan_to_num(values)[rows][local].mean(axis=1) for name, values in noisy.items()}
-        at_nodes |= {name: values[rows][middle] for name, values in exact.items()}
-        self._splines = {name: CubicSpline(nodes, values) for name, values in at_nodes.items()}
+    Means over blocks where the instruments are noisy, splines between.
+    """
+    middle = local[:, local.shape[1] // 2]
+    noisy = {
+        **{"p": smooth.roll_rate, "speed": smooth.speed, "pressure": smooth.pressure},
+        **{"mach": motion.mach, "reynolds": motion.reynolds},
+    }
+    exact = {"roll": smooth.roll, "meridian": motion.windward_meridian}
+    for i, second in ((1, "y"), (2, "z")):
+        exact |= {f"gravity_{first}{second}": smooth.gravity_axes[:, i, j] for j, first in enumerate("xyz")}
+    at_nodes = {name: np.nan_to_num(values)[rows][local].mean(axis=1) for name, values in noisy.items()}
+    at_nodes |= {name: values[rows][middle] for name, values in exact.items()}
+    splines = {name: CubicSpline(flight.time[rows][middle], values) for name, values in at_nodes.items()}
 
-    def __call__(self, time: FloatArray, half: FloatArray) -> FloatArray:
-        """The inputs (inputs, n) at times (n,) s, in the middle of intervals of twice `half` (n,) s."""
-        table = {name: spline(time) for name, spline in self._splines.items()}
-        table |= {f"{name}_rate": self._splines[name](time, 1) for name in ("p", "speed")}
-        table |= {"segment": np.full(time.size, self._number), "half": half}
-        table |= dict(zip(("air_y", "air_z"), self._gained(time, half, table), strict=True))
-        return np.stack([table[name] for name in INPUTS])
+    def table(time: FloatArray, half: FloatArray) -> FloatArray:
+        found = {name: spline(time) for name, spline in splines.items()}
+        found |= {f"{name}_rate": splines[name](time, 1) for name in ("p", "speed")}
+        found |= {"segment": np.full(time.size, float(number)), "half": half}
+        found |= dict.fromkeys(("air_y", "air_z"), np.zeros(time.size))
+        if flight.wind is not None:
+            # What the crossflow gains in de-rolled axes as the known wind changes, m/s^2: means over an interval or a
+            # block, so that Simpson's rule gives the whole change, steps included.
+            width = np.where(half > 0.0, half, 0.5 * flight.step * local.shape[1])
+            before, after = (
+                np.array([np.interp(time + end * width, flight.time, wind) for wind in flight.wind.T])
+                for end in (-1.0, 1.0)
+            )
+            axes = np.array([[found[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
+            found["air_y"], found["air_z"] = np.einsum("jin,in->jn", axes, (before - after) / (2.0 * width))
+        return np.stack([found[name] for name in INPUTS])
 
-    def _gained(self, time: FloatArray, half: FloatArray, table: dict[str, FloatArray]) -> FloatArray:
-        """What the crossflow gains in de-rolled axes as the known wind changes (2, n), m/s^2.
-
-        Means over an interval or a block, so that Simpson's rule gives the whole change, steps included.
-        """
-        if self._wind is None:
-            return np.zeros((2, time.size))
-        width = np.where(half > 0.0, half, 0.5 * self._block)
-        before, after = (
-            np.array([np.interp(time + end * width, self._time, wind) for wind in self._wind.T]) for end in (-1.0, 1.0)
-        )
-        rate = (before - after) / (2.0 * width)
-        axes = np.array([[table[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
-        return np.asarray(np.einsum("jin,in->jn", axes, rate))
+    return table
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:
