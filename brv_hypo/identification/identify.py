@@ -240,8 +240,7 @@ class Identification:
     status: str
     """That of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed" where
     it could not be begun."""
-    message: str
-    """Cause and remedy."""
+    message: str  # cause and remedy
     columns: tuple[Regressor, ...]  # the regression's, with delays and knots at their estimates
     values: FloatArray  # coefficients (columns,), in the units of the columns
     covariance: FloatArray  # (columns, columns), others accounted for; at the reported standard errors

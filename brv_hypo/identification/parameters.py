@@ -362,8 +362,7 @@ Histories = Mapping[str, FloatArray]
 """By course name, (n,) over the samples of a flight; a course that it lacks is not touched."""
 
 
-RecordErrors = Mapping[Tolerated, Histories]
-"""What 1 sigma of each tolerated value of a flight does."""
+RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated value of a flight does
 
 
 def error_histories(

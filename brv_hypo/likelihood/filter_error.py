@@ -152,8 +152,7 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 
 _DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
 _SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
-_ROUNDING = 1e-4
-"""Information on the logarithm of a variance that is no more than rounding: only its gradient is used."""
+_ROUNDING = 1e-4  # information on the logarithm of a variance that is no more than rounding: only its gradient is used
 _LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
 _HALVINGS = 5
 _SCORINGS = 6  # steps on one linearisation at most

@@ -48,14 +48,10 @@ class StartingPoint:
 class FitResult(Tabular):
     """A maximum-likelihood fit; p free parameters in the order of `names`."""
 
-    status: Status
-    """How the search ended; equals its text, such as "converged"; `status.remedy` says what to try."""
-    message: str
-    """Cause and remedy where it did not converge."""
-    names: tuple[str, ...]
-    """The free parameters."""
-    theta: dict[str, float]
-    """Estimate by name, those held included."""
+    status: Status  # how the search ended; equals its text, such as "converged"; `status.remedy` says what to try
+    message: str  # cause and remedy where it did not converge
+    names: tuple[str, ...]  # the free parameters
+    theta: dict[str, float]  # estimate by name, those held included
     std_error: dict[str, float]
     """Standard error by name, residuals taken as white; nan at a bound or where the data do not determine the
     parameter.
@@ -64,8 +60,7 @@ class FitResult(Tabular):
     """The same, corrected for coloured residuals (Morelli and Klein 1997): report this one. With process noise, which
     is itself the model of what colours the residuals, equal to std_error.
     """
-    covariance: FloatArray
-    """(p, p), residuals taken as white."""
+    covariance: FloatArray  # (p, p), residuals taken as white
     log_likelihood: float
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
@@ -78,32 +73,22 @@ class FitResult(Tabular):
     """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_variance`,
     (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
     """
-    process_noise_std_error: FloatArray
-    """The same of `process_noise`, (n_states,)."""
-    iterations: int
-    """Gauss-Newton steps taken in theta."""
-    history: tuple[Iteration, ...]
-    """NLLF, violation of the dynamics, step length and fraction after each iteration."""
-    identifiability: Identifiability
-    """Condition, and near-null directions by name."""
-    whiteness: tuple[Whiteness, ...]
-    """Test of each output's innovations."""
-    states: tuple[FloatArray, ...]
-    """By segment, (n_states, n)."""
-    innovations: tuple[FloatArray, ...]
-    """By segment, measured minus predicted output, (n_outputs, n); nan in gaps."""
+    process_noise_std_error: FloatArray  # the same of `process_noise`, (n_states,)
+    iterations: int  # Gauss-Newton steps taken in theta
+    history: tuple[Iteration, ...]  # NLLF, violation of the dynamics, step length and fraction after each iteration
+    identifiability: Identifiability  # condition, and near-null directions by name
+    whiteness: tuple[Whiteness, ...]  # test of each output's innovations
+    states: tuple[FloatArray, ...]  # by segment, (n_states, n)
+    innovations: tuple[FloatArray, ...]  # by segment, measured minus predicted output, (n_outputs, n); nan in gaps
     at_bound: tuple[str, ...]
     """Parameters that ended at a bound: their errors, and the meaning of the others', are conditional."""
-    derivatives: Method
-    """How the functions were differentiated."""
-    samples: int
-    """Number of measured values, all outputs and segments."""
+    derivatives: Method  # how the functions were differentiated
+    samples: int  # number of measured values, all outputs and segments
     mesh_shift: float = float("nan")
     """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
     between samples; nan where that is not known (delays, records of many thousand samples).
     """
-    mesh_steps: int = 1
-    """Steps of the dynamics between samples."""
+    mesh_steps: int = 1  # steps of the dynamics between samples
     starting_points: tuple[StartingPoint, ...] = ()
     """The searches that were compared, the first of them first; this is the best of them."""
     remarks: tuple[str, ...] = ()

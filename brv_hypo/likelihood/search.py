@@ -91,8 +91,7 @@ class Status(StrEnum):
 _FEASIBLE = 1e-7  # largest mean scaled defect of a converged trajectory
 _CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as settled
 _CONVERGED_MOVE = 0.05  # the same with process noise, in standard errors of the variances' logarithms
-_LINEAR = 0.5
-"""Change of the objective against the promised one at which the states are where the variances want them."""
+_LINEAR = 0.5  # change of the objective against the promised one at which the states are where the variances want them
 _FEW, _FRACTION = 1e-4, 1e-2
 """Step, in the same, that ends them for one linearisation, or as a fraction of the step before."""
 _NOISE_STEPS = 10

@@ -137,20 +137,15 @@ Hold = Literal["zero", "linear", "cubic"]
 class Segment:
     """A continuous stretch of record, with its own initial state."""
 
-    t: FloatArray
-    """Sample times, (n,), s, increasing; at least six."""
-    u: FloatArray
-    """Known inputs, (n_inputs, n); (0, n) where there are none."""
-    y: FloatArray
-    """Measured outputs, (n_outputs, n); NaN where one was not measured."""
-    x0: FloatArray
-    """Guess of the initial state, (n_states,), or of the whole history, (n_states, n)."""
+    t: FloatArray  # sample times, (n,), s, increasing; at least six
+    u: FloatArray  # known inputs, (n_inputs, n); (0, n) where there are none
+    y: FloatArray  # measured outputs, (n_outputs, n); NaN where one was not measured
+    x0: FloatArray  # guess of the initial state, (n_states,), or of the whole history, (n_states, n)
     x0_std: float | FloatArray = np.inf
     """How well the initial state is known, scalar or (n_states,): infinity leaves it free, 0 holds it at x0, anything
     between is a Gaussian prior.
     """
-    u_mid: FloatArray | None = None
-    """Inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out."""
+    u_mid: FloatArray | None = None  # inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out
     time_varying: tuple[TimeVaryingParameter, ...] = ()
     """Parameters that vary along the segment as known shapes, whose weights are in theta0."""
     ignores: frozenset[str] = frozenset()

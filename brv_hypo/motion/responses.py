@@ -30,8 +30,7 @@ GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
 
-Axes = tuple[FloatArray, FloatArray]
-"""Two axes (n, 3) across the velocity."""
+Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
 
 
 @dataclass(frozen=True)

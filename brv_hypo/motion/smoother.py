@@ -193,8 +193,7 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
 # ---- The random walk, and the globals that measurements share ----
 
 
-Columns = Callable[[slice], ComplexArray]
-"""Makes rows of columns (n, k), which need not all exist at once."""
+Columns = Callable[[slice], ComplexArray]  # makes rows of columns (n, k), which need not all exist at once
 
 
 @dataclass(frozen=True)

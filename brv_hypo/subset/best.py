@@ -45,18 +45,12 @@ HELD_OUT_BLOCKS = 5
 class Subset:
     """One subset and its fit."""
 
-    columns: tuple[int, ...]
-    """Chosen columns of X, ascending, without the forced ones."""
-    rss: float
-    """Residual sum of squares."""
-    terms: tuple[int, ...]
-    """The forced columns, then the chosen ones."""
-    coefficients: FloatArray
-    """Of `terms`, in their order."""
-    std_errors: FloatArray
-    """Ordinary ones, from RSS / (n - p), in the order of `terms`."""
-    criteria: Criteria
-    """The selection criteria."""
+    columns: tuple[int, ...]  # chosen columns of X, ascending, without the forced ones
+    rss: float  # residual sum of squares
+    terms: tuple[int, ...]  # the forced columns, then the chosen ones
+    coefficients: FloatArray  # of `terms`, in their order
+    std_errors: FloatArray  # ordinary ones, from RSS / (n - p), in the order of `terms`
+    criteria: Criteria  # the selection criteria
 
     @property
     def size(self) -> int:
@@ -68,40 +62,30 @@ class Subset:
 class Certificate:
     """What the search has proved."""
 
-    exact: bool
-    """No allowed subset of a returned size beats the returned ones."""
-    nodes: int
-    """Nodes visited."""
-    margin: float
-    """Relative allowance for rounding with which branches were cut."""
-    gap: float
-    """The largest of `gaps`."""
+    exact: bool  # no allowed subset of a returned size beats the returned ones
+    nodes: int  # nodes visited
+    margin: float  # relative allowance for rounding with which branches were cut
+    gap: float  # the largest of `gaps`
     gaps: tuple[float, ...]
     """By how much, relatively, the RSS of size 1, 2, ... may still be too high; 0 where that size is proved."""
-    seconds: float
-    """Wall-clock time."""
-    kernel: str
-    """``numpy`` or ``numba-schur``: the last that was used."""
-    status: str
-    """How it ended, in words."""
+    seconds: float  # wall-clock time
+    kernel: str  # ``numpy`` or ``numba-schur``: the last that was used
+    status: str  # how it ended, in words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SubsetResult(Tabular):
     """Subsets by size, then by residual sum of squares."""
 
-    subsets: tuple[Subset, ...]
-    """The best of every size."""
-    certificate: Certificate
-    """What was proved of them."""
+    subsets: tuple[Subset, ...]  # the best of every size
+    certificate: Certificate  # what was proved of them
     aliases: tuple[Alias, ...]
     """Columns that equal a combination of others.
 
     Multiples of one column, and of forced ones, are not searched unless a rule names them, and stand-ins of the same
     span can be read off here; of the columns of a longer combination no subset holds all.
     """
-    baseline: Subset
-    """The forced model alone."""
+    baseline: Subset  # the forced model alone
     refused: tuple[Refusal, ...] = ()
     """Columns so near to dependence that no subset holds them together either, with the reason."""
 

@@ -197,11 +197,9 @@ class Frame:
     y: FloatArray  # the weighted response (n,)
     forced: tuple[int, ...]  # columns in every subset, independent of each other
     candidates: IntArray  # columns of X to choose from (m,); everywhere else candidates go by their positions in it
-    R: FloatArray
-    """Triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length."""
+    R: FloatArray  # triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length
     z: FloatArray  # the response on the same axes (m,)
-    noise: FloatArray
-    """Rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits."""
+    noise: FloatArray  # rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits
     rss_forced: float  # residual sum of squares of the forced columns alone
     rss_full: float  # residual sum of squares of all columns
     rank: int  # number of independent candidates

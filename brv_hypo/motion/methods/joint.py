@@ -90,8 +90,7 @@ _RAN_AWAY = (
 )
 
 
-StartingPoint = tuple[WindStart, ComplexArray]
-"""A start and a crossflow (n,) from which a fit may begin."""
+StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) from which a fit may begin
 
 
 @dataclass(frozen=True)
