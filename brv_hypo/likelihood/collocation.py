@@ -202,8 +202,8 @@ def parameter_scales(
 ) -> dict[str, float]:
     """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 
-    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function by
-    as much as the function's own size, at most 1: then it has that change. `known` gives the size of some beforehand.
+    Its own magnitude, or, where that is next to nothing against it, the change that would move a function by as much
+    as the function's own size, at most 1. `known` gives the size of some beforehand.
     """
     known = known or {}
     scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}
@@ -225,11 +225,7 @@ def parameter_scales(
 
 
 def check_shape(function: Function, points: Points, theta: Mapping[str, float], rows: int, what: str) -> None:
-    """Refuse a function whose value has the wrong shape or is not finite at the start.
-
-    Raises:
-        UsageError: with what was got and what was expected.
-    """
+    """UsageError for a function whose value has the wrong shape or is not finite at the start."""
     value = evaluate(function, points, theta)
     expected = (rows, points.t.size)
     if value.shape != expected:
@@ -257,7 +253,6 @@ def _call(
 
 
 def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
-    """Size of the largest parameter, for a difference step."""
     return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
 
 
@@ -322,9 +317,11 @@ def linearise_segment(
 ) -> Linearisation:
     """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
     there = _There(model, grid, x, theta)
+    jumped = x[:, 1:] if grid.jumps else x[:, :0]
+    everywhere = there.points(slice(None), np.concatenate([x, there.halfway, jumped], axis=1))
     own = [k for k, name in enumerate(names) if name not in grid.ignores]
     acting = tuple(names[k] for k in own)
-    slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, model.scale)
+    slope = jacobian(model.dynamics, everywhere, theta, acting, model.method, model.scale)
     output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, model.scale)
     late = [(there.back[name][0][: grid.n], block) for name, block in output.by_delayed.items()]
     return Linearisation(
@@ -372,25 +369,18 @@ class _There:
         f, f_end = self.slopes
         return np.asarray(0.5 * (self.x[:, :-1] + self.x[:, 1:]) + self.grid.step / 8 * (f - f_end))
 
-    @property
-    def everywhere(self) -> Points:
-        """Samples, midpoints and ends where inputs jump."""
-        jumped = self.x[:, 1:] if self.grid.jumps else self.x[:, :0]
-        return self.points(slice(None), np.concatenate([self.x, self.halfway, jumped], axis=1))
-
     def defect(self, f: FloatArray, f_mid: FloatArray, f_end: FloatArray) -> FloatArray:
         """Of each interval, (intervals, n_states), by the dynamics at its start, midpoint and end."""
         return np.asarray(np.diff(self.x, axis=1) - self.grid.step / 6 * (f + 4 * f_mid + f_end)).T
 
     def points(self, where: slice, at: FloatArray) -> Points:
         """Some of the grid's times, with the states `at` them, and what the delays see there."""
-        delayed: dict[str, Delayed] = {}
-        rates: dict[str, Delayed] = {}
+        late: dict[str, tuple[Delayed, Delayed]] = {}  # values and their rates
         u = self.grid.u[:, : self.grid.n]
         for name, weights in self.back.items():
-            value, rate = (each[where].T for each in weights)
-            delayed[name] = Delayed(np.asarray(self.x @ value), np.asarray(u @ value))
-            rates[name] = Delayed(np.asarray(self.x @ rate), np.asarray(u @ rate))
+            value, rate = (Delayed(np.asarray(self.x @ w[where].T), np.asarray(u @ w[where].T)) for w in weights)
+            late[name] = value, rate
+        delayed, rates = ({name: each[k] for name, each in late.items()} for k in (0, 1))
         time_varying = tuple(varying.part(where) for varying in self.grid.time_varying)
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 

@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 
 
 def block_rows(blocks: FloatArray) -> csr_array[np.float64]:
-    """The sparse matrix whose row k of blocks acts on the states of samples k, k + 1, ...
-
-    `blocks` is (n_rows, width, m, n_states).
-    """
+    """The sparse matrix whose row k of `blocks` (rows, width, m, n_states) acts on states of samples k, k + 1, ..."""
     from scipy.sparse import bsr_array, csr_array  # here, for a cheap import of the package
 
     count, width, m, n_states = blocks.shape

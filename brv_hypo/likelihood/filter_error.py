@@ -226,11 +226,8 @@ def scored(
 ) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    Returns:
-        Where they led, and the lengths of the steps in standard errors, 0 for none.
-
-    Raises:
-        SingularStatesError: the outputs leave a state undetermined.
+    Where they led, and the lengths of the steps in standard errors, 0 for none. Raises SingularStatesError where the
+    outputs leave a state undetermined.
     """
     solved = Solved(problem, iterate, directions, linear)
     lengths = []
@@ -371,25 +368,17 @@ def with_unknown_variances(
     return found
 
 
-@dataclass(frozen=True)
-class NoiseErrors:
-    """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
-    (n_outputs,); nan where they were given or vanished, and in output error. `covariance` (p, p) is that of theta, what
-    not knowing the variances adds to it included. `remarks` name those that vanished.
-    """
-
-    process: FloatArray
-    measurement: FloatArray
-    covariance: FloatArray
-    remarks: tuple[str, ...] = ()
-
-
 def noise_errors(
     problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Eliminated], covariance: FloatArray
-) -> NoiseErrors:
-    """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+    """Standard errors of the noises' standard deviations, from the expected Hessian, and covariance of theta (p, p).
+
+    Those of process noise (n_states,) per root second and of outputs (n_outputs,): nan where given or vanished, and in
+    output error. To the `covariance` with the variances as they are comes what not knowing them adds. Last, remarks
+    that name those that vanished.
+    """
     process, measurement = np.full(problem.process_noise.size, np.nan), np.full(iterate.variance.size, np.nan)
-    unknown = NoiseErrors(process, measurement, covariance)
+    unknown = process, measurement, covariance, ()
     if not directions.count or not np.any(problem.process_noise):
         return unknown
     solved = Solved(problem, iterate, directions, linearised(problem, iterate))
@@ -404,7 +393,7 @@ def noise_errors(
     driven, outputs = list(directions.driven), list(directions.outputs)
     process[driven] = problem.process_noise[driven] * of_driven
     measurement[outputs] = np.sqrt(iterate.variance[outputs]) * of_outputs
-    return NoiseErrors(process, measurement, covariance, _remarks(problem, directions, score.vanished))
+    return process, measurement, covariance, _remarks(problem, directions, score.vanished)
 
 
 def _remarks(problem: Problem, directions: Directions, gone: BoolArray) -> tuple[str, ...]:

@@ -191,9 +191,9 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
-    noise = noise_errors(problem, iterate, wanted, segments, white)
+    process, measurement, covariance, vanished = noise_errors(problem, iterate, wanted, segments, white)
     if np.any(problem.process_noise):
-        white = coloured = noise.covariance
+        white = coloured = covariance
     shift = mesh_shift(problem, iterate, segments, white)
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(determined.near_null)
@@ -210,8 +210,8 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         log_likelihood=-nllf,
         noise_variance=iterate.variance,
         process_noise=problem.process_noise,
-        noise_std_error=noise.measurement,
-        process_noise_std_error=noise.process,
+        noise_std_error=measurement,
+        process_noise_std_error=process,
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=determined,
@@ -223,7 +223,7 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         samples=samples,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=steps,
-        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
+        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *vanished),
     )
 
 

@@ -127,7 +127,7 @@ class Iteration:
     """One step of the search."""
 
     iteration: int  # number of the step, from 1
-    cost: float  # NLLF after it
+    cost: float  # NLLF of Eq. 3.10 (E8) after it
     violation: float  # mean violation of the dynamics, in sizes of the states
     step_length: float  # length of the step, in standard errors (root mean square)
     fraction: float  # fraction of the step that was taken
@@ -188,12 +188,12 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        term = partial(determinant, problem) if noisy else None
         further = extrapolation.improved(iterate, step)
         if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
             following, fraction = moved(problem, iterate, further, 1.0), 1.0
         else:
-            following, fraction = line_search(problem, iterate, step, penalty, term)
+            terms = (partial(determinant, problem),) if noisy else ()
+            following, fraction = line_search(problem, iterate, step, penalty, *terms)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
                 return ended(Status.STALLED)
@@ -204,15 +204,10 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             return ended(Status.STALLED)
         problem, iterate, known, noise_converged = _with_noise(problem, following, options, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
-        history.append(
-            Iteration(
-                iteration=iteration,
-                cost=_nllf(problem, iterate),
-                violation=violation,
-                step_length=step.length,
-                fraction=fraction,
-            )
-        )
+        cost = negative_log_likelihood(np.concatenate(residuals(problem, iterate), axis=1), iterate.variance)
+        if noisy:  # of the states integrated out
+            cost += disturbance_cost(problem, iterate) + determinant(problem, iterate)
+        history.append(Iteration(iteration, cost, violation, step.length, fraction))
         options.report(None, f"iteration {iteration}: NLLF {history[-1].cost:.6g}, step {step.length:.2g}")
         if step.length < options.tolerance and noise_converged and violation < _FEASIBLE:
             if unseen is not None:
@@ -228,20 +223,8 @@ def _singular(error: SingularStatesError) -> Status:
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     """Measured minus predicted output of each segment, (n_outputs, n); nan in gaps."""
-    found = []
-    for grid, x in zip(problem.grids, iterate.x, strict=True):
-        _, output = evaluate_segment(problem.model, grid, x, problem.parameters.as_mapping(iterate.theta))
-        found.append(grid.y - output.T)
-    return tuple(found)
-
-
-def _nllf(problem: Problem, iterate: Iterate) -> float:
-    """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
-    difference = np.concatenate(residuals(problem, iterate), axis=1)
-    fit = negative_log_likelihood(difference, iterate.variance)
-    if not np.any(problem.process_noise):
-        return fit
-    return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
+    theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, strict=True)
+    return tuple(grid.y - evaluate_segment(problem.model, grid, x, theta)[1].T for grid, x in segments)
 
 
 def _sensitivities(

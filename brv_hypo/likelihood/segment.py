@@ -32,10 +32,7 @@ Weights = tuple["csr_array[np.float64]", "csr_array[np.float64]"]
 
 
 def interpolation(t: FloatArray, query: FloatArray) -> Weights:
-    """At the query times, (m,) s, of a signal sampled at t, (n,) s, increasing, at least six samples.
-
-    Outside the samples the end value is held, rate 0.
-    """
+    """At the query times, (m,) s, of a signal sampled at t, (n,) s, at least six; outside, the end value, of rate 0."""
     from scipy.sparse import csr_array  # here, for a cheap import of the package
 
     clipped = np.clip(query, t[0], t[-1])
@@ -77,17 +74,11 @@ def _slopes(t: FloatArray) -> csr_array[np.float64]:
 
 @dataclass(frozen=True)
 class TimeVaryingParameter:
-    """theta[name] (n,) = sum over j of theta[weights[j]] shapes(t)[j], as the user's functions see it.
+    """theta[name] (n,) = sum over j of theta[weights[j]] shapes(t)[j], as the user's functions see it."""
 
-    Attributes:
-        name: under which dynamics and outputs find the values, at their own samples; no parameter has it.
-        weights: names of parameters that act through time-varying parameters only: this one and others.
-        shapes: t (n,), s -> (len(weights), n).
-    """
-
-    name: str
-    weights: tuple[str, ...]
-    shapes: Callable[[FloatArray], FloatArray]
+    name: str  # under which dynamics and outputs find the values, at their own samples; no parameter has it
+    weights: tuple[str, ...]  # parameters that act through time-varying parameters only: this one and others
+    shapes: Callable[[FloatArray], FloatArray]  # t (n,), s -> (len(weights), n)
 
 
 @dataclass(frozen=True)
@@ -108,11 +99,7 @@ class SampledParameter:
 
 
 def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, number: int) -> tuple[SampledParameter, ...]:
-    """The time-varying parameters at times t (n,), s.
-
-    Raises:
-        UsageError: shapes of the wrong size.
-    """
+    """The time-varying parameters at times t (n,), s; UsageError for shapes of the wrong size."""
     found = []
     for varying in time_varying:
         shapes = np.asarray(varying.shapes(t), dtype=float)
@@ -205,9 +192,8 @@ def inputs_of(segment: Segment) -> FloatArray:
 def build_grid(segment: Segment, number: int) -> Grid:
     """Check a segment and lay out its grid.
 
-    Raises:
-        UsageError: shapes that do not fit together, too few samples, times that do not increase, inputs that
-            are not finite.
+    Raises UsageError for shapes that do not fit together, too few samples, times that do not increase, inputs that
+    are not finite.
     """
     t = np.asarray(segment.t, dtype=float)
     y = np.atleast_2d(np.asarray(segment.y, dtype=float))
@@ -263,11 +249,7 @@ def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
 
 
 def check_consistent(grids: Sequence[Grid]) -> None:
-    """Refuse segments whose states, inputs or outputs differ in number.
-
-    Raises:
-        UsageError: with the numbers of each segment.
-    """
+    """UsageError where states, inputs or outputs of the segments differ in number."""
     for what, counts in (
         ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
         ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
@@ -329,10 +311,8 @@ class Parameters:
         return dict(zip(self.names, vector.tolist(), strict=True)) | dict(self.held)
 
     def spread(self, values: Mapping[str, float], rest: float) -> FloatArray:
-        """One number a parameter, (p,), `rest` for those that are not named.
-
-        Raises:
-            UsageError: a name that theta0 does not have.
+        """One number a parameter, (p,), `rest` for those that are not named; UsageError for a name that theta0 does not
+        have.
         """
         unknown = sorted(set(values) - {*self.names, *self.held})
         if unknown:
@@ -345,9 +325,8 @@ def build_parameters(
 ) -> Parameters:
     """Lay the parameters out in one vector; those of equal bounds are held.
 
-    Raises:
-        UsageError: an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing
-            free.
+    Raises UsageError for an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing
+    free.
     """
     for what, given in (("bounds", bounds), ("priors", priors)):
         unknown = sorted(set(given) - set(theta0))

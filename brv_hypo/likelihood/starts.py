@@ -10,6 +10,7 @@ across. Where the mesh moves the estimate by more than is tolerable, the fit is 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -57,8 +58,11 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
     if zero is None:
         return first
     second = _prepared(replace(problem, size=state_sizes(zero.x)), zero, near)
-    size = np.minimum(first[0].size, second[0].size)
-    here, there = (_violation(replace(p, size=size), i) for p, i in (first, second))
+    size, exact = np.minimum(first[0].size, second[0].size), np.zeros_like(problem.process_noise)
+    here, there = (  # violations of the dynamics
+        np.nan_to_num(objective(replace(p, size=size, process_noise=exact), i)[1], nan=np.inf)
+        for p, i in (first, second)
+    )
     return second if there < _FAR_LESS * here else first
 
 
@@ -71,14 +75,11 @@ def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
     local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
     local |= np.isfinite(problem.reach)
     theta = np.where(local, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
-    with np.errstate(all="ignore"):
-        try:
-            histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
-        except np.linalg.LinAlgError:
-            return None
-    if not all(np.all(np.isfinite(x)) for x in histories):
-        return None
-    return replace(iterate, x=histories, theta=theta)
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+        histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
+        if all(np.all(np.isfinite(x)) for x in histories):
+            return replace(iterate, x=histories, theta=theta)
+    return None
 
 
 def states_from_outputs(
@@ -86,17 +87,16 @@ def states_from_outputs(
 ) -> tuple[FloatArray, ...]:
     """A state history for each segment, (n_states, n), with the parameters at `vector`, (p,).
 
-    The one given, or the initial state moved to meet the outputs.
-
-    A state that the outputs do not show at a sample stays at its initial value.
+    The one given, or the initial state moved to meet the outputs, where these show it.
     """
     histories = []
     for grid in grids:
         if grid.start.ndim == 2:
             histories.append(grid.start.copy())
             continue
-        x = np.repeat(grid.start[:, None], grid.n, axis=1)
-        measured = _without_gaps(grid)
+        x, t, measured = np.repeat(grid.start[:, None], grid.n, axis=1), grid.t[: grid.n], grid.y.copy()
+        for row, observed in zip(measured, grid.measured, strict=True):
+            row[~observed] = np.interp(t[~observed], t[observed], row[observed]) if observed.any() else 0.0
         linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
         pseudo_inverse = np.linalg.pinv(linear.output_by_state, rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
@@ -112,10 +112,7 @@ def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
 def delay_reach(
     delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
 ) -> FloatArray:
-    """Largest change of each parameter in one step, (p,).
-
-    For a delay, half the time scale of the fastest state.
-    """
+    """Largest change of each parameter in one step, (p,): for a delay, half the time scale of the fastest state."""
     rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
     spread = np.std(np.concatenate(histories, axis=1), axis=1)
     rms = np.sqrt(np.mean(rates**2, axis=1))
@@ -166,21 +163,6 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
     return problem, iterate
 
 
-def _violation(problem: Problem, iterate: Iterate) -> float:
-    """How far the states are from exact dynamics, in their sizes; infinite where that is not finite."""
-    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
-    violation = objective(exact, iterate)[1]
-    return violation if np.isfinite(violation) else np.inf
-
-
-def _without_gaps(grid: Grid) -> FloatArray:
-    filled = grid.y.copy()
-    t = grid.t[: grid.n]
-    for row, observed in zip(filled, grid.measured, strict=True):
-        row[~observed] = np.interp(t[~observed], t[observed], row[observed]) if observed.any() else 0.0
-    return filled
-
-
 # ---- Long gaps, in which nothing was measured: fitted around first, then across ----
 
 
@@ -189,10 +171,7 @@ _LEAST = 2 * WIDTH  # samples of a stretch at least
 
 
 def stretches(segments: Sequence[Segment]) -> list[list[slice]]:
-    """What lies between long gaps, by segment: samples from a measured one to a measured one.
-
-    Empty where no segment has a long gap.
-    """
+    """What lies between long gaps, by segment, from a measured sample to a measured one; empty without such gaps."""
     found, gaps = [], 0
     for segment in segments:
         observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
@@ -253,12 +232,17 @@ def first_noises(y: FloatArray) -> dict[str, FloatArray]:
     """Guesses of the noise variances (n_outputs,), by where they are from, of outputs (n_outputs, n), nan in gaps; the
     smallest first, which is right for a right model.
     """
-    floor = least_variance(y)
-    variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
+    variances = [1.0 if np.isnan(row).all() else np.nanvar(row) for row in y]
+    unsmooth = np.zeros(len(y))  # about the running mean
+    for i, row in enumerate(y):
+        finite = row[np.isfinite(row)]
+        if finite.size >= _WINDOW:
+            smooth = np.convolve(finite, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
+            unsmooth[i] = np.var(finite[_WINDOW // 2 : -(_WINDOW // 2)] - smooth)
     return {
         "differences of the outputs": noise_from_differences(y),
-        "residual of smoothed outputs": np.maximum(_unsmooth(y), floor),
-        "variances of the outputs": np.maximum(variances, floor),
+        "residual of smoothed outputs": np.maximum(unsmooth, least_variance(y)),
+        "variances of the outputs": np.maximum(variances, least_variance(y)),
     }
 
 
@@ -301,17 +285,6 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
             "has several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, starting_points=starting_points)
-
-
-def _unsmooth(y: FloatArray) -> FloatArray:
-    """Variance of each output about its running mean, (n_outputs,)."""
-    found = np.zeros(len(y))
-    for i, row in enumerate(y):
-        finite = row[np.isfinite(row)]
-        if finite.size >= _WINDOW:
-            smooth = np.convolve(finite, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
-            found[i] = np.var(finite[_WINDOW // 2 : -(_WINDOW // 2)] - smooth)
-    return found
 
 
 MOST_STEPS = 32  # steps between samples at most

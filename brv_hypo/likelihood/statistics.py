@@ -55,18 +55,14 @@ def log_determinant_of(variance: FloatArray, measured: BoolArray) -> float:
 
 
 def noise_from_differences(y: FloatArray) -> FloatArray:
-    """A first guess of the noise variances, (n_outputs,), from third differences: blind to smooth motion.
-
-    `y` is (n_outputs, n), nan in gaps.
-    """
+    """First guesses of the noise variances (n_outputs,) of y (n_outputs, n): third differences are blind to motion."""
     variance = least_variance(y) * _FIRST_GUESS
     for i, row in enumerate(y):
-        across = np.diff(row, 3)
-        differences = across[np.isfinite(across)]
-        if differences.size < row.size / 10:  # slower than the rest: its own samples are far apart
+        differences = np.diff(row, 3)
+        if np.count_nonzero(np.isfinite(differences)) < row.size / 10:  # slower than the rest: samples far apart
             differences = np.diff(row[np.isfinite(row)], 3)
-        if differences.size:
-            variance[i] = max(variance[i], float(np.mean(differences**2)) / _THIRD_DIFFERENCE)
+        if np.isfinite(differences).any():
+            variance[i] = max(variance[i], float(np.nanmean(differences**2)) / _THIRD_DIFFERENCE)
     return variance
 
 
@@ -87,14 +83,10 @@ _NAMED = 0.1  # least weight with which a parameter is named in a near-null dire
 
 @dataclass(frozen=True)
 class NearNull:
-    """A combination of parameters that the data hardly see.
+    """A combination of parameters that the data hardly see."""
 
-    `weights` name the parameters, each scaled by its own information; `relative` is the singular value
-    against the largest.
-    """
-
-    weights: dict[str, float]
-    relative: float
+    weights: dict[str, float]  # by parameter, each scaled by its own information
+    relative: float  # singular value against the largest
 
 
 @dataclass(frozen=True)
@@ -127,8 +119,8 @@ class Whiteness:
 def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
     """Inverse of the information matrix T'T plus priors, (p, p).
 
-    nan for parameters not in `estimated` (at a bound), and for those alone that a direction moves which the
-    data do not see.
+    nan for parameters not in `estimated` (at a bound), and for those that a direction moves which the data do not
+    see.
     """
     p = prior_std.size
     covariance = np.full((p, p), np.nan)
@@ -205,12 +197,10 @@ class Whitened(NamedTuple):
 
 
 def coloured_covariance(white: FloatArray, prior_information: FloatArray, segments: Sequence[Whitened]) -> FloatArray:
-    """The corrected covariance, (p, p).
+    """The corrected covariance, (p, p), of D = `white`, (p, p), not inflated for degrees of freedom, 0 of what is not
+    estimated.
 
-    Args:
-        white: D, (p, p), not inflated for degrees of freedom; 0 of what is not estimated.
-        prior_information: inverse variances of the priors, (p,), 0 where there is none.
-        segments: what is left of the measurements.
+    `prior_information` are inverse variances (p,), 0 without a prior; `segments` what is left of the measurements.
     """
     residual = [segment.residual for segment in segments]
     correlation = autocorrelation(residual)
@@ -228,18 +218,17 @@ def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatA
     length = 1 << (2 * len(s) - 1).bit_length()
     gain = np.stack([_gain(model, length) for model in models], axis=1)
     shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
-    turned = turn @ shaped
     both_sides = np.full(len(gain), 2.0)
     both_sides[[0, -1]] = 1.0
-    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real
+    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turn @ shaped, optimize=True).real
     return np.asarray(product / length)
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:
     """Factor for what the fit took out of the residuals' variance.
 
-    In white noise that is one sample per unknown, in coloured noise as many more as the variance of the
-    unknowns is larger: N / (N - unknowns tr(D^-1 C) / p).
+    In white noise that is one sample per unknown, in coloured noise as many more as the variance of the unknowns is
+    larger: N / (N - unknowns tr(D^-1 C) / p).
     """
     ratio = float(np.trace(np.linalg.solve(white, corrected))) / len(white)
     return samples / max(samples - unknowns * max(ratio, 1.0), 0.5 * samples)
@@ -260,10 +249,9 @@ def autocorrelation(residual: Sequence[FloatArray]) -> FloatArray:
 
 
 def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
-    """Coefficients of v(i) = sum a_k v(i - k) + white noise, (order,).
+    """Coefficients of v(i) = sum a_k v(i - k) + white noise, (order,), of autocorrelations (orders + 1,), lag 0 first.
 
-    By Levinson's recursion, the order by Akaike's criterion. `correlation` (orders + 1,) is the
-    autocorrelation, lag 0 first.
+    By Levinson's recursion, the order by Akaike's criterion.
     """
     coefficients = chosen = np.zeros(0)
     variance = float(correlation[0])
