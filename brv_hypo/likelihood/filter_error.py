@@ -90,15 +90,18 @@ def _determinant_gradients(
         turned = [np.append(0.0, np.where(s.void, 0.0, direction[s.problem.own])) for s in segments]
         follow = [(s.x @ along).T * problem.size[:, None] for s, along in zip(segments, turned, strict=True)]
         up, down = (
-            replace(
-                iterate,
-                theta=iterate.theta + move * direction,
-                x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
+            _determinants(
+                problem,
+                replace(
+                    iterate,
+                    theta=iterate.theta + move * direction,
+                    x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
+                ),
+                variances,
             )
             for move in (step, -step)
         )
-        change = _determinants(problem, up, variances) - _determinants(problem, down, variances)
-        gradients[:, i] = change / (2.0 * step)
+        gradients[:, i] = (up - down) / (2.0 * step)
     return gradients
 
 
@@ -120,8 +123,7 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
     """
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
 
-    theta = problem.parameters.as_mapping(iterate.theta)
-    innovations, nllf = [], 0.0
+    theta, innovations, nllf = problem.parameters.as_mapping(iterate.theta), [], 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         linear = linearise_segment(problem.model, grid, x, theta, ())
         before, after = linear.defect_by_state[:, 0], linear.defect_by_state[:, 1]
@@ -330,8 +332,7 @@ def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[
     parameters = problem.parameters
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
     p = inside.size
-    data = information_factor(segments, p)[:p, :p]
-    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
+    rows = np.concatenate([information_factor(segments, p)[:p, :p], np.diag(1.0 / parameters.prior_std)])
     size = np.linalg.norm(rows, axis=0)
     free = np.flatnonzero(inside & (size > 0.0))
     _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)

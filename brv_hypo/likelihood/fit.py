@@ -156,11 +156,8 @@ class _Task:
         Across long gaps once more from the stretches between them, which process noise bridges itself.
         """
         if before is not None:
-            theta = {name: before.theta[name] for name in self.theta0}
             driving = None if self.process_noise is None else before.process_noise
-            near = replace(
-                self, theta0=theta, process_noise=driving, first_noise=before.noise_variance, near_start=True
-            )
+            near = replace(self._near(before), process_noise=driving, first_noise=before.noise_variance)
             return near._solve(segments, steps)
         found = self._solve(segments, steps)
         driven = self.process_noise is not None and np.any(self.process_noise)
@@ -171,11 +168,12 @@ class _Task:
         part = self._solve(pieces, steps)
         if not part.converged:
             return found
-        theta = {name: part.theta[name] for name in self.theta0}
         known = [(piece.t[::steps], states) for piece, states in zip(pieces, part.states, strict=True)]
-        whole = bridged(segments, between, known)
-        again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
+        again = self._near(part)._solve(bridged(segments, between, known), steps)
         return chosen({"the whole record": found, "the stretches between gaps": again})
+
+    def _near(self, found: FitResult) -> _Task:
+        return replace(self, theta0={name: found.theta[name] for name in self.theta0}, near_start=True)
 
     def _solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
@@ -196,21 +194,19 @@ class _Task:
             process_noise=self._driving(grids[0].start.shape[0]),
             reach=parameters.spread(self.reach, np.inf),
         )
-        y = np.concatenate([g.y for g in grids], axis=1)
-        known = None if self.noise is None else _variance(self.noise, len(y))
-
-        def run(first: FloatArray) -> FitResult:
-            begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
-            if known is not None:
-                iterate = replace(iterate, variance=known)
-            return assess(search(begun, iterate, self.options), self.options, steps)
-
-        noises = first_noises(y)
+        noises = first_noises(np.concatenate([g.y for g in grids], axis=1))
+        known = None if self.noise is None else _variance(self.noise, len(grids[0].y))
         if known is not None:
             noises = {"the noise that was given": known} | noises
         if self.near_start and self.first_noise is not None:
-            noises = {"an earlier fit": _variance(self.first_noise, len(y))} | noises
-        alone = self.near_start or y.shape[1] > _LONGEST
+            noises = {"an earlier fit": _variance(self.first_noise, len(grids[0].y))} | noises
+
+        def run(first: FloatArray) -> FitResult:
+            begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
+            iterate = iterate if known is None else replace(iterate, variance=known)
+            return assess(search(begun, iterate, self.options), self.options, steps)
+
+        alone = self.near_start or sum(g.n for g in grids) > _LONGEST
         return best_of(noises, run, alone=alone, known=known is not None)
 
     def _driving(self, n_states: int) -> FloatArray:
@@ -233,16 +229,14 @@ class _Task:
         unknown = sorted(set(self.delays) - set(theta))
         if unknown:
             raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
-        model = Model(self.dynamics, self.outputs, self.delays)
-        for grid in grids:
-            points = start_points(model, grid, theta)
+        model, functions = Model(self.dynamics, self.outputs, self.delays), (self.dynamics, self.outputs)
+        starts = [start_points(model, grid, theta) for grid in grids]
+        for grid, points in zip(grids, starts, strict=True):
             check_shape(self.dynamics, points, theta, grid.start.shape[0], "dynamics")
             check_shape(self.outputs, points, theta, grid.y.shape[0], "outputs")
-        functions = (self.dynamics, self.outputs)
-        points = start_points(model, grids[0], theta)
         priors = {name: std for name, (_, std) in self.priors.items() if np.isfinite(std)}
-        scale = parameter_scales(functions, points, theta, parameters.names, priors)
-        method = choose_method(functions, points, theta, parameters.names, scale)
+        scale = parameter_scales(functions, starts[0], theta, parameters.names, priors)
+        method = choose_method(functions, starts[0], theta, parameters.names, scale)
         return replace(model, method=method, scale=scale)
 
 

@@ -10,6 +10,7 @@ what process noise adds over the interval is no error of the mesh. A change dc o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.search import Iteration, Options, Outcome, Segments, Status, residuals
+from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
@@ -174,25 +175,29 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
     sampled = slice(None, None, steps)
-    refined, nllf = _innovations(problem, iterate)
+    noisy = bool(np.any(problem.process_noise))
+    if noisy:
+        refined, nllf = kalman_innovations(problem, iterate)
+    else:
+        refined = residuals(problem, iterate)
+        nllf = negative_log_likelihood(np.concatenate(refined, axis=1), iterate.variance)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
-    observed = np.isfinite(together)
-    samples = int(observed.sum())
-    theta = parameters.as_mapping(iterate.theta)
+    samples = int(np.isfinite(together).sum())
     at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
     p = len(parameters.names)
     estimated = np.flatnonzero(~at_bound)
-    triangle = np.full((p, p), np.nan)
-    white = coloured = np.full((p, p), np.nan)
-    segments = _sensitivities(outcome)
-    rows = () if np.any(problem.process_noise) else tuple(segment.whitened(sampled) for segment in segments)
+    triangle = white = coloured = np.full((p, p), np.nan)
+    segments = outcome.segments
+    with suppress(SingularStatesError):  # the states are not determined
+        segments = segments or sensitivities(problem, iterate)
+    rows = () if noisy else tuple(segment.whitened(sampled) for segment in segments)
     if segments:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
     process, measurement, covariance, vanished = noise_errors(problem, iterate, wanted, segments, white)
-    if np.any(problem.process_noise):
+    if noisy:
         white = coloured = covariance
     shift = mesh_shift(problem, iterate, segments, white)
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
@@ -203,7 +208,7 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         status=outcome.status,
         message=outcome.message if not hidden else f"{outcome.message}. {determined}",
         names=parameters.names,
-        theta=theta,
+        theta=parameters.as_mapping(iterate.theta),
         std_error=_by_name(parameters.names, white),
         std_error_coloured=_by_name(parameters.names, coloured),
         covariance=white,
@@ -223,7 +228,7 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         samples=samples,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=steps,
-        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *vanished),
+        remarks=(*_remarks(together, measured, tests, options), *vanished),
     )
 
 
@@ -256,30 +261,16 @@ def _covariances(
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome) -> Segments:
-    """The sensitivities at the end; none where the states are not determined."""
-    try:
-        return outcome.segments or sensitivities(outcome.problem, outcome.iterate)
-    except SingularStatesError:
-        return ()
-
-
-def _never_measured(y: FloatArray) -> tuple[str, ...]:
-    """Outputs (n_outputs, n) without a sample."""
-    rows = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
-    if not rows:
-        return ()
-    return (
-        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_variance holds "
-        "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
-        "the outputs if that is meant",
-    )
-
-
-def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
-    """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if not options.estimate_noise:
-        return ()
+def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> list[str]:
+    """Outputs y (n_outputs, n) without a sample, and without noise: what is left of them is smooth, and tiny."""
+    found = []
+    never = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
+    if never:
+        found.append(
+            f"outputs {never} have no samples in any segment: they had no part in the fit, and what noise_variance "
+            "holds for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of "
+            "y and of the outputs if that is meant"
+        )
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
     )
@@ -288,25 +279,14 @@ def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], op
         for i, test in enumerate(tests)
         if left[i] < _NOISE_FREE * size[i] and not (test.white and left[i] > _ROUNDING * size[i])
     ]
-    if not quiet:
-        return ()
-    return (
-        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
-        "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
-        "nothing of these; likely cause: simulated data. Give `noise`, or add the instruments' noise",
-    )
-
-
-def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations by segment, and the NLLF of Eq. 3.10 (E8).
-
-    With process noise they are the filter's, else the residuals.
-    """
-    if np.any(problem.process_noise):
-        return kalman_innovations(problem, iterate)
-    found = residuals(problem, iterate)
-    together = np.concatenate(found, axis=1)
-    return found, negative_log_likelihood(together, iterate.variance)
+    if quiet and options.estimate_noise:
+        found.append(
+            f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the "
+            "signal, not white or mere rounding, so that they are the model's and the discretisation's errors. "
+            "Standard errors say nothing of these; likely cause: simulated data. Give `noise`, or add the "
+            "instruments' noise"
+        )
+    return found
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
@@ -335,10 +315,10 @@ def mesh_shift(
     segments of at most _MOST_JUDGED samples.
     """
     p = len(problem.parameters.names)
-    known = np.isfinite(np.diag(covariance))
+    shift, known = np.full(p, np.nan), np.isfinite(np.diag(covariance))
     long = any(grid.n > _MOST_JUDGED for grid in problem.grids)
     if problem.model.delays or long or not segments or not known.any():
-        return np.full(p, np.nan)
+        return shift
     gradient = np.zeros(p)
     for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
         with np.errstate(all="ignore"):
@@ -346,23 +326,26 @@ def mesh_shift(
         multiplier = segment.multiplier[1:, :, 1:]
         gradient[segment.problem.own] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
-    shift = np.full(p, np.nan)
     shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
     return shift
 
 
 def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[str, float]) -> FloatArray:
     """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
-    h = grid.step
-    corner = _slopes(problem, grid, {0.0: x[:, :-1], 1.0: x[:, 1:]}, theta)
-    cubic = {s: _hermite(s, h, x, corner[0.0], corner[1.0]) for s in _NODES[1:-1].tolist()}
+    h, low, high = grid.step, x[:, :-1], x[:, 1:]
+    corner = _slopes(problem, grid, {0.0: low, 1.0: high}, theta)
+    cubic = {  # through states and slopes at both ends
+        s: low
+        + s**2 * (3.0 - 2.0 * s) * (high - low)
+        + h * (s * (1.0 - s) ** 2 * corner[0.0] - s**2 * (1.0 - s) * corner[1.0])
+        for s in _NODES[1:-1].tolist()
+    }
     first = corner | _slopes(problem, grid, cubic, theta)
     slopes = np.stack([first[s] for s in _NODES.tolist()])
     simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
     # Of a state that nothing drives, what is left is how far the search is from its end.
-    noisy = (problem.process_noise > 0.0)[:, np.newaxis]
-    driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
-    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
+    driven = np.where((problem.process_noise > 0.0)[:, np.newaxis], high - low - h * simpson, 0.0)
+    better = low + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
     second = corner | _slopes(problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta)
     boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
     return np.asarray(h * (boole - simpson))
@@ -382,14 +365,5 @@ def _slopes(
 
 def _within(grid: Grid, signal: FloatArray, s: float) -> FloatArray:
     """A signal at a fraction of every interval: on the parabola by its start, middle and end, before a jump there."""
-    start, middle, end = (signal[:, where] for where in grid.intervals)
     weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
-    return np.asarray(weights[0] * start + weights[1] * middle + weights[2] * end)
-
-
-def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """The cubic through states and slopes at both ends, at a fraction of every interval."""
-    low, high = x[:, :-1], x[:, 1:]
-    return np.asarray(
-        low + s**2 * (3.0 - 2.0 * s) * (high - low) + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
-    )
+    return np.asarray(sum(w * signal[:, where] for w, where in zip(weights, grid.intervals, strict=True)))
