@@ -124,26 +124,19 @@ def corrections() -> Iterator[Correction]:
                 verb = "reads as if it were" if len(chosen) == 1 else "read as if they were"
                 words = f"{(' and ' if len(chosen) == 2 else ', ').join(chosen)} {verb} {mislabel}"
                 yield Correction(chosen, "units", words, _scaled(instrument, chosen, value))
-    yield from _turned_gyros()
-
-
-def _turned_gyros() -> Iterator[Correction]:
-    """The other ways in which the transverse gyros can stand to the transverse accelerometers.
-
-    Those of a single mistake are above. Turning both triads together changes nothing that can be seen.
-    """
+    # The other ways in which the transverse gyros can stand to the transverse accelerometers, those of two mistakes or
+    # more. Turning both triads together changes nothing that can be seen.
     for matrix in relative_turns():
         swapped = matrix[1, 1] == 0.0
         flipped = [name for name, sign in zip(GYROS, matrix.sum(axis=1), strict=True) if sign < 0.0]
         changes = len(flipped) + swapped
-        if changes < 2:
-            continue
-        mistakes = ["q and r were exchanged"] if swapped else []
-        if flipped:
-            mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
-        at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
-        words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
-        yield Correction(at_fault, "axes", words, {"gyros": matrix}, changes)
+        if changes > 1:
+            mistakes = ["q and r were exchanged"] if swapped else []
+            if flipped:
+                mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
+            at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
+            words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
+            yield Correction(at_fault, "axes", words, {"gyros": matrix}, changes)
 
 
 def _scaled(instrument: str, chosen: Sequence[str], factor: float) -> dict[str, FloatArray]:
@@ -240,11 +233,13 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
         slope = float(weight @ np.array([each for _, each, _ in relations]) / np.sum(weight))
         if slope <= 0.0:
             left[0], slope = 1.0, None
-    axial, axial_sigma = _axial(flight, pieces)
-    pressure = _pressure_ratio(flight, readings)
+    (axial, axial_sigma), pressure = _axial(flight, pieces), _pressure_ratio(flight, readings)
+    # The axial force may differ by an error of scale, and by wind and gravity.
+    logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
+    of_axial = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((axial - np.exp(logs)) / axial_sigma) ** 2
     cost = (
         _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
-        + _of_axial(axial, axial_sigma)
+        + min(float(np.min(of_axial)), COMPATIBILITY_MOST_PER_CHECK)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
@@ -371,13 +366,6 @@ def _of_ratio(ratio: float | None, spread: float) -> float:
     return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / spread) ** 2, COMPATIBILITY_MOST_PER_CHECK)
 
 
-def _of_axial(ratio: float, sigma: float) -> float:
-    """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
-    logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
-    costs = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
-    return min(float(np.min(costs)), COMPATIBILITY_MOST_PER_CHECK)
-
-
 def _of_noise(sigma: FloatArray) -> float:
     """Three instruments of one make are about equally noisy."""
     if not np.all(sigma > 0.0):
@@ -402,8 +390,8 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
 
     Never raises: a fault that leaves too little of a channel is reported as decisive, and the channel left as it is;
-    so is a flight that is no valid record, or of which masking leaves nothing. A window of a sound record that is too
-    short for any record is not tried.
+    so is a flight that is no valid record, or of which masking leaves nothing. A window too short for any record is
+    not tried.
     """
     if flight.time.size < limits.MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())
@@ -426,9 +414,8 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
     air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
-    tilt = nose_axis(flight.time, rates, forces, air)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
-    turned = mounting_fault(flight.time, tilt, tolerance)
+    turned = mounting_fault(flight.time, nose_axis(flight.time, rates, forces, air), tolerance)
     return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
@@ -445,10 +432,10 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found, tumbling = [], tumbles(flight, readings)
-    strained = set(broken) == {"path, strained"}
+    strained = broken == ["path, strained"]
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
-    unread = {"altitude"} if "altitude" in readings.derived or not readings.has_altitude else set()
-    possible = (one for one in corrections() if not unread & set(one.channels))
+    unread = "altitude" in readings.derived or not readings.has_altitude
+    possible = (one for one in corrections() if not (unread and "altitude" in one.channels))
     tried = [(one, compatibility_of(flight, readings, one)) for one in possible]
     ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]

@@ -98,7 +98,19 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
 
     Raises UnanswerableError where the record is too short for any of it.
     """
-    _refuse_what_cannot_be_integrated(flight)
+    longest = max(b - a for a, b in flight.segments)
+    if longest < LEAST_SEGMENT_SAMPLES:
+        raise UnanswerableError(
+            f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
+            f"{LEAST_SEGMENT_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
+        )
+    for name in ("velocity", "dynamic_pressure"):
+        lowest = float(np.min(getattr(flight, name)))
+        if not lowest > 0.0:
+            raise UnanswerableError(
+                f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
+                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and --stop."
+            )
     rates = flight.q + 1j * flight.r
     gyro_sigma = config.gyro_sigma or white_noise_level(rates, flight.segments)
     accel_sigma = config.accel_sigma or white_noise_level(flight.ay + 1j * flight.az, flight.segments)
@@ -130,23 +142,6 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         accel_sigma=accel_sigma,
         force_sigma=force_sigma,
     )
-
-
-def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
-    longest = max(b - a for a, b in flight.segments)
-    if longest < LEAST_SEGMENT_SAMPLES:
-        raise UnanswerableError(
-            f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
-            f"{LEAST_SEGMENT_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
-        )
-    for name in ("velocity", "dynamic_pressure"):
-        lowest = float(np.min(getattr(flight, name)))
-        if not lowest > 0.0:
-            raise UnanswerableError(
-                f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
-                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and "
-                "--stop."
-            )
 
 
 def arm_acceleration(
@@ -271,25 +266,16 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
     speed = record.flight.velocity
     if forces:
         pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
-        velocity = _at_airspeed(pulled, speed)
+        size = np.linalg.norm(pulled, axis=1)
+        direction, more = pulled / size[:, None], speed - size
+        # What changes the speed acts along the velocity v: v' = |v| u' + |v|' u has the airspeed's V' in place of |v|',
+        # and the integral of V' u + |v| u' is V u less that of (V - |v|) u'.
+        velocity = np.asarray(speed[:, None] * direction, dtype=float)
+        velocity[1:] -= np.cumsum(0.5 * (more[1:] + more[:-1])[:, None] * np.diff(direction, axis=0), axis=0)
     else:
         turned = running_integral(record.time, start.gravity / speed[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
-
-
-def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
-    """A velocity (n, 3) that forces and gravity have turned, had it turned at this speed (n,).
-
-    What changes the speed acts along the velocity: v' = |v| u' + |v|' u has V' in place of |v|', and the integral of
-    V' u + |v| u' is V u less that of (V - |v|) u'.
-    """
-    size = np.linalg.norm(velocity, axis=1)
-    direction, more = velocity / size[:, None], airspeed - size
-    steps = 0.5 * (more[1:] + more[:-1])[:, None] * np.diff(direction, axis=0)
-    out = np.asarray(airspeed[:, None] * direction, dtype=float)
-    out[1:] -= np.cumsum(steps, axis=0)
-    return out
 
 
 def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:

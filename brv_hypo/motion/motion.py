@@ -239,25 +239,19 @@ class _Past:
         along, across, *smooth = np.ascontiguousarray(self._spline(np.maximum(time, first)).T)
         xi = np.asarray(along + 1j * across, dtype=complex)
         before = np.minimum(time - first, 0.0) * motion.windward_meridian_rate[0]
+        meridian = np.unwrap(windward_meridian(xi) + before)
+        meridian += nearest_turn(meridian[-1:], motion.windward_meridian[-1:]) - meridian[-1:]
         return replace(
             motion,
             time=time,
             alpha=angle_of_attack(xi),
-            windward_meridian=_unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian),
+            windward_meridian=meridian,
             history=_Past(motion, ago),
             roll_acceleration=None,
             axial_share=None,
             common_time=None,
             **dict(zip(self._smooth, smooth, strict=True)),
         )
-
-
-def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
-    """`angle` unwrapped over time and moved by whole turns next to `reference`."""
-    turns = np.zeros(angle.size)
-    np.cumsum(np.round(np.diff(angle) / (-2.0 * np.pi)), out=turns[1:])
-    turns += np.round((reference[-1] - angle[-1]) / (2.0 * np.pi) - turns[-1])
-    return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)
 
 
 # ---- Between the samples, where the meridian turns too fast for them ----

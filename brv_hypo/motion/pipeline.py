@@ -11,7 +11,7 @@ force's coefficient over its median: by that force a c.g. off the axis turns the
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -105,9 +105,8 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     columns = np.column_stack([scale[:, np.newaxis] * shapes, _read_along_the_axis(record)])[valid]
     force = record.force[valid, 0]
     left = max(float(np.std(force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0])), 1e-300)
-    priors = np.eye(columns.shape[1])[count:]
-    rows = np.vstack([columns / left, priors])
-    values = np.linalg.lstsq(rows, np.concatenate([force / left, np.zeros(len(priors))]), rcond=None)[0]
+    rows = np.vstack([columns / left, np.eye(columns.shape[1])[count:]])  # with the priors of the errors
+    values = np.linalg.lstsq(rows, np.append(force / left, np.zeros(columns.shape[1] - count)), rcond=None)[0]
     coefficient = shapes @ values[:count]
     # With the changes last, the triangle's last rows hold what of them is beyond all others.
     others = [0, *range(count, columns.shape[1])]
@@ -133,16 +132,34 @@ def _read_along_the_axis(record: InertialRecord) -> FloatArray:
 # ---- What limits a reconstruction, as far as the record itself shows, and what would help ----
 
 
-def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
+def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Iterator[str]:
     """Warnings, the most important first."""
-    checks = (
-        _attitude_lost(record),
-        _alpha_error(record, wind),
-        _moment_noise(record, moments),
-        _samples_per_cycle(record),
-        _gravity(record, wind),
-    )
-    return tuple(text for text in checks if text is not None)
+    flight, measured = record.flight, record.measured
+    lost = gaps_of(flight)
+    if lost:
+        first, last = lost[0]
+        others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
+        yield (
+            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
+            "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side "
+            "of it (--start, --stop)"
+        )
+    alpha = angle_of_attack(wind.crossflow)[measured]
+    share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)
+    if share >= limits.WARNED_ALPHA:
+        known = f"known to {100.0 * share:.0f} % of its rms only" if share < 10.0 else "not known"
+        yield (
+            f"the angle of attack is {known}; a longer window, or one of "
+            "higher dynamic pressure, determines the attitude to the wind better"
+        )
+    yield from _moment_noise(record, moments)
+    yield from _samples_per_cycle(record)
+    expected, found = gravity_magnitude(flight), float(np.linalg.norm(wind.gravity))
+    if expected is not None and found > 0.0 and found >= limits.WARNED_GRAVITY * expected:
+        yield (
+            f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
+            "shear, gyro bias or a wrong accelerometer position are likely"
+        )
 
 
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:
@@ -152,57 +169,30 @@ def gaps_of(flight: Flight) -> list[tuple[float, float]]:
     return [(float(flight.time[b]), float(flight.time[a])) for b, a in between]
 
 
-def _attitude_lost(record: InertialRecord) -> str | None:
-    """What the first of the gaps that nothing bridges does."""
-    lost = gaps_of(record.flight)
-    if not lost:
-        return None
-    first, last = lost[0]
-    others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
-    return (
-        f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
-        "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side of "
-        "it (--start, --stop)"
-    )
-
-
-def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
-    alpha = angle_of_attack(wind.crossflow)[record.measured]
-    share = rms(wind.alpha_sigma[record.measured]) / max(rms(alpha), 1e-150)
-    if share < limits.WARNED_ALPHA:
-        return None
-    known = f"known to {100.0 * share:.0f} % of its rms only"
-    return (
-        f"the angle of attack is {known if share < 10.0 else 'not known'}; a longer window, or one of "
-        "higher dynamic pressure, determines the attitude to the wind better"
-    )
-
-
-def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None:
+def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[str]:
     """Whether noise hides the moments; as a share of the moments that the gyros show.
 
     Weighed by the dynamic pressure: as it falls, a coefficient's error grows without bound, a moment's does not.
     """
     usable = moments.usable
     if not usable.any():
-        return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+        yield "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+        return
     size = rms(moments.body[usable]) / np.sqrt(2.0)
     if rms(moments.noise_sigma[usable]) < limits.WARNED_MOMENTS * max(size, 1e-300):
-        return None
+        return
     pressure = record.flight.dynamic_pressure[usable]
-    shown = rms(record.moment[usable] * pressure) / np.sqrt(2.0)
-    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
-    text = (
+    shown = max(rms(record.moment[usable] * pressure) / np.sqrt(2.0), 1e-300)
+    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / shown
+    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / shown
+    left = f". The errors of the record that were fitted leave {share:.2g} % of these moments"
+    yield (
         f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
-        "only strong mechanisms can be distinguished"
+        f"only strong mechanisms can be distinguished{left if share < WARNED_LEFT else ''}"
     )
-    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
-    if share < WARNED_LEFT:
-        text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
-    return text
 
 
-def _samples_per_cycle(record: InertialRecord) -> str | None:
+def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
     """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own.
 
     The strongest motion, of which `inspect` tells, may be far slower, and is named beside it.
@@ -212,27 +202,17 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
     noise = record.gyro_sigma**2
     power = float(np.var(spin.signal[record.measured])) - 2.0 * noise
     if power <= 0.0:
-        return "the transverse rates hold nothing but noise"
+        yield "the transverse rates hold nothing but noise"
+        return
     step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
     if 2.0 * np.pi > limits.WARNED_PER_CYCLE * step:
-        return None
+        return
     strongest = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)
     beside = f"; that of the strongest has {flight.sample_rate / strongest:.3g}" if strongest > 0.0 else ""
-    return (
+    yield (
         f"a cycle of the transverse motion's rms frequency has about {2.0 * np.pi / step:.0f} samples at "
         f"{flight.sample_rate:.3g} Hz{beside}: differentiated gyros are noisy, and delays shorter than a few samples "
         "cannot be distinguished from none"
-    )
-
-
-def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
-    expected = gravity_magnitude(record.flight)
-    found = float(np.linalg.norm(wind.gravity))
-    if expected is None or found == 0.0 or found < limits.WARNED_GRAVITY * expected:
-        return None
-    return (
-        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
-        "shear, gyro bias or a wrong accelerometer position are likely"
     )
 
 
@@ -283,8 +263,7 @@ def reconstruct(
 
 
 def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Motion:
-    flight = record.flight
-    xi = wind.crossflow
+    flight, xi = record.flight, wind.crossflow
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
     alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
     in_plane = plane_from_body(moments.body, meridian).real

@@ -85,26 +85,22 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
         }
         for j, k in enumerate(turned):
             turns[k] = {name: np.ascontiguousarray(each[:, j]) for name, each in together.items()}
-    swing = _swing(record, before)
-    return [_moved(record, flight, turns.get(k, {}), swing) for k, flight in enumerate(flights)]
+    swing, found = _swing(record, before), []
+    for k, flight in enumerate(flights):
+        moved, force, spin_angle = replace(record, flight=flight, **turns.get(k, {})), record.force, record.spin_angle
+        if _differ(flight, before, ACCELEROMETERS):
+            force = force + (sensed_force(flight) - sensed_force(before))
+        if k in turns or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
+            force = force + swing
+            force -= _swing(moved, flight)
+        if k in turns or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
+            spin_angle = (1.0 - flight.vehicle.inertia_ratio) * moved.roll
+        found.append(replace(moved, spin_angle=spin_angle, force=force))
+    return found
 
 
 def _differ(flight: Flight, before: Flight, names: Sequence[str]) -> bool:
     return any(getattr(flight, name) is not getattr(before, name) for name in names)
-
-
-def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing: FloatArray) -> InertialRecord:
-    """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
-    before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
-    if _differ(flight, before, ACCELEROMETERS):
-        force = force + (sensed_force(flight) - sensed_force(before))
-    if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
-        force = force + swing
-        force -= _swing(moved, flight)
-    spin_angle = record.spin_angle
-    if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
-        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * moved.roll
-    return replace(moved, spin_angle=spin_angle, force=force)
 
 
 def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
@@ -189,7 +185,11 @@ def effect_responses(
     """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
         return no_responses(record)
-    smooth, kept = noise_free(record, force), _kept(record, crossflow)
+    smooth, flight, meridian = noise_free(record, force), record.flight, np.unwrap(windward_meridian(crossflow))
+    # The samples that the motion needs, each stretch between the ends of segments by itself.
+    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
+    stride = spacing(np.gradient(meridian, flight.time), flight.p, flight.step, RESPONSE_PER_CYCLE)
+    kept = decimated_grid(list(itertools.pairwise(edges)), stride)
     width = max(1, AT_ONCE // record.time.size)
     drift = np.empty((kept.size, 3, len(effects)))
     forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
@@ -204,14 +204,6 @@ def effect_responses(
             pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
             moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
     return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
-
-
-def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
-    """The samples that the motion needs, each stretch between the ends of segments by itself."""
-    flight = record.flight
-    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
-    rate = np.gradient(np.unwrap(windward_meridian(crossflow)), flight.time)
-    return decimated_grid(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
 
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:

@@ -191,8 +191,7 @@ class RandomWalkSmoother:
         if crossflow is None:
             crossflow = body_crossflow(self.record, wind_direction(self.record, start))
         coefficients: tuple[FloatArray, ...] = ()
-        share, last = 1.0, None
-        equations: WalkEquations | None = None
+        share, last, equations = 1.0, None, None
         for _ in range(MOTION_MOST_STEPS):
             direction = wind_direction(self.record, start)
             axes = transverse_axes(direction)
