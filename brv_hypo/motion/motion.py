@@ -239,13 +239,15 @@ class _Past:
         along, across, *smooth = np.ascontiguousarray(self._spline(np.maximum(time, first)).T)
         xi = np.asarray(along + 1j * across, dtype=complex)
         before = np.minimum(time - first, 0.0) * motion.windward_meridian_rate[0]
-        meridian = np.unwrap(windward_meridian(xi) + before)
-        meridian += nearest_turn(meridian[-1:], motion.windward_meridian[-1:]) - meridian[-1:]
+        meridian = windward_meridian(xi) + before
+        turns = np.zeros(meridian.size)  # that unwrap it, and bring its end next to the motion's
+        np.cumsum(np.round(np.diff(meridian) / (-2.0 * np.pi)), out=turns[1:])
+        turns += np.round((motion.windward_meridian[-1] - meridian[-1]) / (2.0 * np.pi) - turns[-1])
         return replace(
             motion,
             time=time,
             alpha=angle_of_attack(xi),
-            windward_meridian=meridian,
+            windward_meridian=np.asarray(meridian + 2.0 * np.pi * turns, dtype=float),
             history=_Past(motion, ago),
             roll_acceleration=None,
             axial_share=None,
