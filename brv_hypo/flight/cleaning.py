@@ -176,19 +176,17 @@ def find_bursts(values: FloatArray) -> BoolArray:
     around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
     around[:2] = around[-1:] = np.nan
     third = jumps - around
-    finite = third[np.isfinite(third)]
+    finite, size = third[np.isfinite(third)], np.nan_to_num(np.abs(third))
     scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
-    size = np.nan_to_num(np.abs(third))
     peaks = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
-    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale))
-    if scale == 0.0 or edges.size > limits.BURST_MOST_EDGES:
+    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale)).tolist()
+    if scale == 0.0 or len(edges) > limits.BURST_MOST_EDGES:
         return found
     sigma = sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
-            if not limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST or np.any(found[start:stop]):
-                continue
-            if _is_burst(values, third, int(start), int(stop), sigma):
+            length = limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST
+            if length and not np.any(found[start:stop]) and _is_burst(values, third, start, stop, sigma):
                 found[start:stop] = True
                 break
     return found if np.count_nonzero(found) <= limits.BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
@@ -310,42 +308,29 @@ def mask_faults(
     Only what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
-    steady, faults = time.copy(), []
+    steady, faults, masked = time.copy(), [], dict(channels)
     for at, excess in stamped_steps(time, tried):
         steady[at:] -= excess
         action = f"the samples run on: later stamps moved by {-excess:.4g} s"
         faults.append(RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action))
-    places = places_with_gaps(steady, JUMP_FLANK)
-    masked = dict(channels)
-    dead = _dead(steady, tried)
+    places, dead = places_with_gaps(steady, JUMP_FLANK), _dead(steady, tried)
     for name, values in tried.items():
-        if name in dead:
-            faults.append(dead[name])
-            continue
-        masked[name], found = _mask_channel(name, steady, values, places)
+        masked[name], found = (values, [dead[name]]) if name in dead else _mask_channel(name, steady, values, places)
         faults += found
-    faults += _jumps(steady, masked, places)
-    return steady, masked, tuple(faults)
-
-
-def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArray) -> list[RecordFault]:
-    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count.
-
-    Across a gap that the stamps show, the motion was continuous.
-    """
-    channels_without_spikes = {
-        name: _spread(np.where(find_spikes(channels[name]), np.nan, channels[name]), places)
+    # Where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count. Across a
+    # gap that the stamps show, the motion was continuous.
+    unspiked = {
+        name: _spread(np.where(find_spikes(masked[name]), np.nan, masked[name]), places)
         for name in INERTIAL_CHANNELS
-        if name in channels
+        if name in masked
     }
     action = (
         "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
         "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
     )
-    return [
-        RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action, decisive=True)
-        for at in np.searchsorted(places, joint_jumps(channels_without_spikes))
-    ]
+    for at in np.searchsorted(places, joint_jumps(unspiked)):
+        faults.append(RecordFault.over(steady[at - 1 : at + 1], "time", "clock step", action, decisive=True))
+    return steady, masked, tuple(faults)
 
 
 def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, RecordFault]:
@@ -367,7 +352,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
     for name in constant:
         changes = missed.get(name, 0.0) > limits.DEAD_CHANGE * float(np.nanmax(speed))
         if (name in INERTIAL_CHANNELS and noisy) or changes:
-            value = float(channels[name][np.isfinite(channels[name])][0])
+            value = np.nanmax(channels[name])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault.over(time, name, "dead", action, decisive=True)
     return found
@@ -399,9 +384,7 @@ def _mask_channel(
     )
     masked, faults = values, []
     for kind, found, most, words in kinds:
-        if not np.any(found):
-            continue
-        share = float(np.mean(found))
+        share, stretches = float(np.mean(found)), runs(found)
         if share > most:
             action = (
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
@@ -410,7 +393,6 @@ def _mask_channel(
             faults.append(RecordFault.over(time[found], name, kind, action, decisive=True))
             continue
         masked = np.where(found, np.nan, masked)
-        stretches = runs(found)
         if len(stretches) > MOST_NAMED:
             action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
             faults.append(RecordFault.over(time[found], name, kind, action))

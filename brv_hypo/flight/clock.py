@@ -108,11 +108,10 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
     known = np.flatnonzero(~missing)
     if known.size == values.size or known.size < 4:
         return values
-    short = np.zeros_like(missing)
+    filled, spline = values.copy(), CubicSpline(time[known], values[known])
     for start, stop in runs(missing):
-        short[start:stop] = start > 0 and stop < values.size and stop - start <= longest
-    filled = values.copy()
-    filled[short] = CubicSpline(time[known], values[known])(time[short])
+        if start > 0 and stop < values.size and stop - start <= longest:
+            filled[start:stop] = spline(time[start:stop])
     return filled
 
 

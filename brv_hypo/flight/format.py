@@ -8,7 +8,7 @@ a `Flight`, a simulated flight, or a sequence of these.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -274,10 +274,8 @@ def save_flight(
     record = flight if isinstance(flight, Record) else unassemble(flight)
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
-    channels = {"time": record.time, **record.channels}
     grade = of_grade(record.instruments.grade)
-    tolerances = record.instruments.values()
-    stated = {key: value for key, value in tolerances.items() if value != getattr(grade, key)}
+    stated = {key: value for key, value in record.instruments.values().items() if value != getattr(grade, key)}
     groups = {
         "vehicle": Tree(datasets=_with_units(vars(record.vehicle), VEHICLE_DIMENSIONS)),
         "instruments": Tree({"grade": grade.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
@@ -286,7 +284,7 @@ def save_flight(
         groups["truth"] = _truth_tree(truth)
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
-        datasets=_with_units(channels, CHANNEL_DIMENSIONS),
+        datasets=_with_units({"time": record.time, **record.channels}, CHANNEL_DIMENSIONS),
         groups=groups,
     )
     write_tree(path, tree, overwrite=overwrite)
@@ -302,7 +300,15 @@ def read_record(path: str | Path) -> Record:
     """
     tree = read_tree(path, only=READ)
     with naming(path):
-        _check_format(tree.attributes)
+        for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
+            if tree.attributes.get(name) != value:
+                raise refusal(
+                    f"/ (root attribute '{name}')",
+                    repr(tree.attributes.get(name, "nothing")),
+                    repr(value),
+                    "another kind of HDF5 file, or a record of a newer program",
+                    "bring it in with `brv-hypo import`, which maps names and units, or update the program",
+                )
         unread = [name for name in tree.unread if name not in NOT_READ]
         check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
@@ -319,18 +325,6 @@ def read_record(path: str | Path) -> Record:
             "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(unread)),
         }
         return validated(Record, content)
-
-
-def _check_format(attributes: Mapping[str, Any]) -> None:
-    for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
-        if attributes.get(name) != value:
-            raise refusal(
-                f"/ (root attribute '{name}')",
-                repr(attributes.get(name, "nothing")),
-                repr(value),
-                "another kind of HDF5 file, or a record of a newer program",
-                "bring it in with `brv-hypo import`, which maps names and units, or update the program",
-            )
 
 
 def _vehicle(group: Tree | None) -> Vehicle:
@@ -376,15 +370,13 @@ def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension],
     return arrays
 
 
-def _ignored(names: Sequence[str]) -> tuple[str, ...]:
+def _ignored(names: Sequence[str]) -> Iterator[str]:
     """A note for each dataset that format 1 does not know, with the channel that may have been meant."""
-    notes = []
     for name in map(one_line, sorted(names)[:MOST_NOTES]):
         hint = meant(name.lower(), CHANNEL_DIMENSIONS, "", 0.7)
-        notes.append(f"dataset '{name}' is not part of format 1 and was ignored{hint and f' ({hint})'}")
+        yield f"dataset '{name}' is not part of format 1 and was ignored{hint and f' ({hint})'}"
     if len(names) > MOST_NOTES:
-        notes.append(f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored")
-    return tuple(notes)
+        yield f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored"
 
 
 def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) -> dict[str, Dataset]:
@@ -392,9 +384,7 @@ def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) 
 
 
 def _truth_tree(truth: Mapping[str, Any]) -> Tree:
-    attributes: dict[str, Any] = {}
-    datasets: dict[str, Dataset] = {}
-    groups: dict[str, Tree] = {}
+    attributes, datasets, groups = dict[str, Any](), dict[str, Dataset](), dict[str, Tree]()
     for name, value in truth.items():
         if isinstance(value, Mapping):
             groups[name] = _truth_tree(value)

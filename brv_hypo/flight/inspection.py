@@ -68,9 +68,14 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
     axial = median_filter(joined(ax), width, mode="nearest")
     force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
-    resting = np.abs(axial - GRAVITY) < REST_OFF
-    least = max(2, round(PHASE_SHORTEST / step))
-    ignition, burnout = _burn(axial, least)
+    resting, least = np.abs(axial - GRAVITY) < REST_OFF, max(2, round(PHASE_SHORTEST / step))
+    ignition = burnout = 0
+    thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)  # the first that lasts
+    if thrust is not None:
+        before = np.flatnonzero(resting[: thrust[0]])
+        ignition = int(before[-1]) + 1 if before.size else thrust[0]
+        dragged = (run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least)
+        burnout = next(dragged, (axial.size,))[0]
     jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
     edges: dict[PhaseName, tuple[int, int]] = {
         "pad": (0, ignition if ignition and np.mean(resting[:ignition]) > PHASE_RESTING else 0),
@@ -83,24 +88,10 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     return tuple(Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least)
 
 
-def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
-    """Where the first thrust that lasts begins and ends; (0, 0) where there is none."""
-    thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)
-    if thrust is None:
-        return 0, 0
-    before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < REST_OFF)
-    ignition = int(before[-1]) + 1 if before.size else thrust[0]
-    dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
-    return ignition, dragged[0][0] if dragged else axial.size
-
-
 def _jerk(force: FloatArray, begin: int, before: int) -> int:
     """The first sample at which the force leaves what it was, as at a parachute's opening; the end without one."""
     for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY):
-        if at < begin + before:
-            continue
-        usual = float(np.median(force[at - before : at - before // 4]))
-        if force[at] > PARACHUTE_TIMES * usual:
+        if at >= begin + before and force[at] > PARACHUTE_TIMES * np.median(force[at - before : at - before // 4]):
             return int(at)
     return force.size
 
@@ -178,10 +169,12 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
             channels.append(_channel(name, time, recorded[name], units, derived=False))
         elif (values := getattr(ready, name)) is not None:
             channels.append(_channel(name, ready.time, values, si, derived=True))
-    steps = [held_or_rounded(name, time, values) for name, values in recorded.items()]
     frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
     phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
+    warnings = _warnings(channels, per_cycle, phases)
+    warnings += [FILTERED] if low_passed(ready) else []
+    warnings += filter(None, (held_or_rounded(name, time, values) for name, values in recorded.items()))
     pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
     return Inspection(
         path=record.path,
@@ -201,11 +194,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
         vehicle=ready.vehicle,
         phases=phases,
         notes=ready.notes,
-        warnings=(
-            *_warnings(channels, per_cycle, phases),
-            *([FILTERED] if low_passed(ready) else []),
-            *filter(None, steps),
-        ),
+        warnings=tuple(warnings),
     )
 
 
@@ -308,11 +297,11 @@ def _warnings(channels: list[ChannelQuality], per_cycle: float, phases: tuple[Ph
             f"the noise of {', '.join(doubtful)} is not white, or is hidden by motion or rounding: its sigma "
             "is no more than a guide"
         )
-    coast = next((phase for phase in phases if phase.name == "coast"), None)
-    beside = [phase for phase in phases if phase.name != "coast"]
-    if not beside:
-        return warnings
-    intervals = ", ".join(f"{phase.name} {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in beside)
-    window = "" if coast is None else f": analyse the coast, --start {coast.start_s:.2f} --stop {coast.stop_s:.2f}"
-    act = "where thrust, rest or a parachute act, which no mechanism describes"
-    return [*warnings, f"the record holds {intervals}, {act}{window}"]
+    spans = {phase.name: (phase.start_s, phase.stop_s) for phase in phases}
+    coast = spans.pop("coast", None)
+    if spans:
+        intervals = ", ".join(f"{name} {start:.2f} to {stop:.2f} s" for name, (start, stop) in spans.items())
+        window = "" if coast is None else ": analyse the coast, --start {:.2f} --stop {:.2f}".format(*coast)
+        act = "where thrust, rest or a parachute act, which no mechanism describes"
+        warnings.append(f"the record holds {intervals}, {act}{window}")
+    return warnings

@@ -372,9 +372,8 @@ def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFau
     line = np.polyfit(density[known], drag[known], 1)
     power, scatter = float(line[0]), float(np.std(drag[known] - np.polyval(line, density[known])))
     change = float(np.ptp(np.percentile(density[known], (5.0, 95.0))))
-    if limits.THINNING_WITHIN[0] < power < limits.THINNING_WITHIN[1] or abs(power - 1.0) * change < THINNING_LEAST:
-        return None
-    if scatter > THINNING_LEAST:  # drag of a body that tumbles goes with its attitude, not with the density alone
+    small = limits.THINNING_WITHIN[0] < power < limits.THINNING_WITHIN[1] or abs(power - 1.0) * change < THINNING_LEAST
+    if small or scatter > THINNING_LEAST:  # drag of a body that tumbles goes with its attitude, not the density alone
         return None
     words = (
         f"drag over speed squared changes by a factor of {np.exp(abs(power) * change):.3g}, where the density at the "

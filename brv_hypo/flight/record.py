@@ -95,10 +95,9 @@ class RecordFault:
         """When it was, in words."""
         if self.start_s == self.stop_s:
             return f"at {self.start_s:.2f} s"
-        if self.of_single_samples and self.action.startswith("2 "):
-            return f"at {self.start_s:.2f} and {self.stop_s:.2f} s"
         if self.of_single_samples:
-            return f"first at {self.start_s:.2f} s, last at {self.stop_s:.2f} s"
+            words = "at {:.2f} and {:.2f} s" if self.action.startswith("2 ") else "first at {:.2f} s, last at {:.2f} s"
+            return words.format(self.start_s, self.stop_s)
         return f"{interval((self.start_s, self.stop_s))} s"
 
 
@@ -435,8 +434,7 @@ def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -
     try:
         return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
-        within = [problem.get("ctx", {}).get("error") for problem in error.errors()]
-        for own in within:
+        for own in (problem.get("ctx", {}).get("error") for problem in error.errors()):
             if isinstance(own, FlightRecordError):
                 raise own from None
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
