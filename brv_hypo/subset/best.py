@@ -11,6 +11,7 @@ import logging
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +20,12 @@ from numpy.typing import ArrayLike
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
-from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
 from brv_hypo.subset.search import (
     CLOSED,
     Board,
     Chosen,
-    Node,
     NumpyTree,
     OpenSubtree,
     StopSearchError,
@@ -115,7 +115,7 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
         rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
         n_forced=len(frame.forced),
         complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
-        blocks=contiguous_blocks(frame.y.size, HELD_OUT_BLOCKS),
+        blocks=np.arange(frame.y.size) * HELD_OUT_BLOCKS // frame.y.size,
     )
 
     def fitted(columns: tuple[int, ...]) -> Subset:
@@ -160,9 +160,8 @@ def search(board: Board, threads: int = 1, time_limit_s: float | None = None) ->
             logging.getLogger(__name__).info(message)
         from brv_hypo.subset.compiled import search_compiled
 
-        kernel = "numba-schur"
         more, left = search_compiled(board, left, deadline, threads)
-        nodes += more
+        kernel, nodes = "numba-schur", nodes + more
     gaps = proved_gaps(board, left)
     return Certificate(
         exact=not left,
@@ -200,24 +199,18 @@ def _search_numpy(board: Board, deadline: float) -> tuple[int, list[OpenSubtree]
             else:
                 tree.score(piece)
             continue
-        orthogonal = _ill_conditioned(board.frame, piece)
+        condition = board.frame.condition
+        if np.isinf(condition):
+            condition = float(np.linalg.cond(piece.R)) if piece.undecided.size else 1.0
+        orthogonal = condition > SCHUR_CONDITION  # Schur complements lose too many digits on this piece
         board.widen(piece.rounding_margin(orthogonal=orthogonal))
         budget = np.inf if orthogonal or board.frame.constraints.active else allowed
         if late or nodes >= budget:
             left.append(OpenSubtree(piece.included, tuple(piece.undecided.tolist()), piece.bound))
-            continue
-        try:
-            tree.run(piece)
-        except StopSearchError:
-            continue
+        else:
+            with suppress(StopSearchError):
+                tree.run(piece)
     return nodes, tree.open_subtrees + left
-
-
-def _ill_conditioned(frame: Frame, piece: Node) -> bool:
-    """Whether Schur complements lose too many digits on this piece."""
-    if np.isfinite(frame.condition):
-        return frame.condition > SCHUR_CONDITION
-    return bool(piece.undecided.size) and float(np.linalg.cond(piece.R)) > SCHUR_CONDITION
 
 
 def _numpy_budget(deadline: float) -> float:
@@ -241,14 +234,13 @@ def proved_gaps(board: Board, left: Sequence[OpenSubtree]) -> tuple[float, ...]:
             least = node.bound + np.append(np.sort(node.rises())[::-1], 0.0)[1:]
             sizes = lowest[len(node.included) + 1 :][: least.size]
             np.minimum(sizes, least[: sizes.size], out=sizes)
-    return tuple(_gap(board, size, float(lowest[size])) for size in range(1, board.max_size + 1))
-
-
-def _gap(board: Board, size: int, lowest: float) -> float:
-    worst = board.worst(size)
-    if not np.isfinite(lowest) or board.limits[size] == CLOSED or lowest > board.limits[size]:
-        return 0.0
-    return max(0.0, 1.0 - lowest / worst) if board.full(size) and worst > 0.0 else 1.0
+    gaps = []
+    for size, bound in enumerate(lowest[1:].tolist(), start=1):
+        worst, limit = board.worst(size), board.limits[size]
+        undecided = np.isfinite(bound) and limit != CLOSED and bound <= limit
+        gap = max(0.0, 1.0 - bound / worst) if board.full(size) and worst > 0.0 else 1.0
+        gaps.append(gap if undecided else 0.0)
+    return tuple(gaps)
 
 
 def best_subsets(

@@ -41,11 +41,8 @@ def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> Le
     """
     n, k = X.shape
     if k == 0:
-        residuals = y.astype(np.float64)
-        return LeastSquares(
-            coefficients=np.empty(0), rss=float(y @ y), residuals=residuals, basis=np.empty((n, 0)),
-            inverse_diagonal=np.empty(0),
-        )  # fmt: skip
+        none = np.empty(0)
+        return LeastSquares(none, float(y @ y), y.astype(np.float64), basis=np.empty((n, 0)), inverse_diagonal=none)
     scale = np.linalg.norm(X.astype(np.float64), axis=0)
     scale = np.exp2(np.round(np.log2(np.where(scale > 0.0, scale, 1.0))))
     wide: Any = X.astype(np.longdouble) / scale
@@ -127,16 +124,12 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Reference:
-    """What criteria compare with.
+    """What criteria compare with."""
 
-    ``rss_forced`` and ``n_forced`` belong to the forced model, ``complete`` is the fit of all columns, ``blocks`` (n,)
-    labels the rows to be held out together 0, 1, ...
-    """
-
-    rss_forced: float
-    n_forced: int
-    complete: LeastSquares
-    blocks: IntArray
+    rss_forced: float  # of the forced model
+    n_forced: int  # columns of it
+    complete: LeastSquares  # the fit of all columns
+    blocks: IntArray  # labels (n,) 0, 1, ... of the rows to be held out together
 
 
 def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
@@ -190,11 +183,6 @@ def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
         return float("nan")
     shift = np.linalg.solve(inner, within[:, :, k:])[:, :, 0]
     return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
-
-
-def contiguous_blocks(n: int, count: int) -> IntArray:
-    """Label n rows, in their order, with ``count`` blocks of nearly equal length."""
-    return np.minimum(np.arange(n) * count // max(n, 1), count - 1)
 
 
 def _ratio(a: float, b: float) -> float:

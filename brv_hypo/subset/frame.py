@@ -47,16 +47,11 @@ Parents = Mapping[int, int | Sequence[int]]
 
 @dataclass(frozen=True)
 class Constraints:
-    """The rules over m candidates, closed under implication.
+    """The rules over m candidates, closed under implication."""
 
-    ``requires[j]``: the candidates that j brings along (j itself not among them).
-    ``excludes[j]``: the candidates that cannot be in one subset with j and what it brings.
-    ``possible[j]``: whether any allowed subset holds j.
-    """
-
-    requires: BoolArray
-    excludes: BoolArray
-    possible: BoolArray
+    requires: BoolArray  # (m, m): the candidates that each brings along, itself not among them
+    excludes: BoolArray  # (m, m): those that cannot be in one subset with it and what it brings
+    possible: BoolArray  # (m,): whether any allowed subset holds it
 
     @cached_property
     def active(self) -> bool:
@@ -69,8 +64,7 @@ class Constraints:
         """Both with what the rules imply carried out; None where no allowed subset is left."""
         if not self.active:
             return tuple(included), tuple(undecided)
-        inside = np.zeros(self.possible.size, dtype=np.bool_)
-        alive = inside.copy()
+        inside, alive = np.zeros((2, self.possible.size), dtype=np.bool_)
         inside[list(included)] = True
         alive[list(undecided)] = True
         brought = self.requires[inside].any(axis=0) & ~inside
@@ -79,8 +73,7 @@ class Constraints:
         if impossible or not self.possible[inside].all():
             return None
         alive &= ~brought & ~barred & self.possible
-        inside |= brought
-        alive &= ~(self.requires & ~(inside | alive)[None, :]).any(axis=1)
+        alive &= ~(self.requires & ~(inside | brought | alive)[None, :]).any(axis=1)
         order = [*included, *np.flatnonzero(brought)]
         return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
 
@@ -101,16 +94,14 @@ def build_constraints(
     A column that is neither candidate nor forced (it lies in the forced span, so it adds nothing) holds
     nobody back: as a parent it counts as present, in a group it is passed over.
     """
-    position = {column: i for i, column in enumerate(candidates)}
+    position, m = {column: i for i, column in enumerate(candidates)}, len(candidates)
     outside = sorted(c for c in constrained_columns(groups, parents) if not 0 <= c < n_columns)
     if outside:
         raise UsageError(
             f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
             "number the columns as they stand in X, forced ones included"
         )
-    m = len(candidates)
-    requires = np.zeros((m, m), dtype=np.bool_)
-    excludes = np.zeros((m, m), dtype=np.bool_)
+    requires, excludes = np.zeros((2, m, m), dtype=np.bool_)
     possible = np.ones(m, dtype=np.bool_)
     for group in _normalised(groups):
         members = [position[c] for c in group.columns if c in position]
@@ -124,11 +115,6 @@ def build_constraints(
         if child in position:
             requires[position[child], [position[c] for c in _as_tuple(own) if c in position]] = True
     np.fill_diagonal(excludes, False)
-    return _closed(requires, excludes, possible)
-
-
-def _closed(requires: BoolArray, excludes: BoolArray, possible: BoolArray) -> Constraints:
-    m = possible.size
     if not requires.any() and not excludes.any():
         return Constraints(requires, excludes, possible)
     reach = requires | np.eye(m, dtype=np.bool_)
@@ -179,14 +165,11 @@ class Alias(NamedTuple):
 
 
 class Refusal(NamedTuple):
-    """Columns that no subset holds together: of the last, only rounding is left after the others.
-
-    ``remainder`` is what is left of it, relative to its length; ``reason`` says so in words.
-    """
+    """Columns that no subset holds together: of the last, only rounding is left after the others."""
 
     columns: tuple[int, ...]
-    remainder: float
-    reason: str
+    remainder: float  # what is left of it, relative to its length
+    reason: str  # that in words
 
 
 @dataclass(frozen=True)
@@ -269,9 +252,7 @@ def build_frame(
     R = factor[:m, :m].copy()
     noise = (original[~inside] / norms[~inside])[keep]
     independent, involved = dependencies(R, noise)
-    condition = 1.0 if m == 0 else np.inf
-    if len(independent) == m > 0:
-        condition = float(np.linalg.cond(R))
+    condition = (float(np.linalg.cond(R)) if m else 1.0) if len(independent) == m else np.inf
     return Frame(
         X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(),
         noise=noise,
