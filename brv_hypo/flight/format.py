@@ -247,10 +247,7 @@ def load_flight(
 
 
 def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
-    """The part of the flight from `start` to `stop` (s; None leaves an end open), if long enough to use.
-
-    Raises UsageError where it is not.
-    """
+    """The part of the flight from `start` to `stop` (s; None leaves an end open); UsageError where it is too short."""
     if start is None and stop is None:
         return flight
     window = flight.window(start, stop)
@@ -294,10 +291,7 @@ write_with.append(save_flight)
 
 
 def read_record(path: str | Path) -> Record:
-    """The flight as the file holds it, in SI and validated, before anything is repaired or derived.
-
-    Raises FlightRecordError with the file, the dataset, what was found and expected, and the remedy.
-    """
+    """The flight as the file holds it, in SI, before any repair; FlightRecordError where it is invalid."""
     tree = read_tree(path, only=READ)
     with naming(path):
         for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):

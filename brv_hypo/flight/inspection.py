@@ -101,14 +101,10 @@ def _jerk(force: FloatArray, begin: int, before: int) -> int:
 
 @dataclass(frozen=True)
 class Noise:
-    """White-noise standard deviation `sigma`, in the units of the values.
+    """White noise of a channel."""
 
-    `trusted` is False where motion, coloured or quantised noise, or too few samples spoil the estimate, which
-    is then no more than a guide.
-    """
-
-    sigma: float
-    trusted: bool
+    sigma: float  # its standard deviation, in the units of the values
+    trusted: bool  # False where motion, coloured or quantised noise or too few samples leave no more than a guide
 
 
 @dataclass(frozen=True)

@@ -232,14 +232,11 @@ RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 
 @dataclass(frozen=True)
 class VehicleModel:
-    """The functions that `likelihood.fit` takes; `contexts` by the input "segment".
-
-    `span` (start, stop) s scales the drift of the normal-force slope.
-    """
+    """The functions that `likelihood.fit` takes."""
 
     moments: MomentModel
-    contexts: Sequence[Context]
-    span: tuple[float, float]
+    contexts: Sequence[Context]  # by the input "segment"
+    span: tuple[float, float]  # s, that scales the drift of the normal-force slope
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 

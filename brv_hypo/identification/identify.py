@@ -153,9 +153,8 @@ def build_problem(
     regressed: Regressed | None = None,
     max_iterations: int = IDENTIFIED_STEPS,
 ) -> Problem:
-    """Lay out the problem of a regression model; `regressed` as in `identify`.
-
-    Raises UnanswerableError where no segment is long enough.
+    """The problem of a regression model, `regressed` as in `identify`; UnanswerableError where no segment is long
+    enough.
     """
     block = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)

@@ -54,10 +54,7 @@ Kind = Literal["theta", "start", "stop"]
 
 @dataclass(frozen=True)
 class NonlinearParameter:
-    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s).
-
-    A knot is counted from `origin`, the first time of the record: differences step by a parameter's size.
-    """
+    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
 
     name: str
     kind: Kind
@@ -69,7 +66,7 @@ class NonlinearParameter:
     is_delay: bool
     columns: tuple[int, ...]
     scale: float = 1.0
-    origin: float = 0.0
+    origin: float = 0.0  # the first time of the record for knots: differences step by a parameter's size
 
     @property
     def label(self) -> str:
@@ -79,16 +76,12 @@ class NonlinearParameter:
 
 @dataclass(frozen=True)
 class Structure:
-    """The columns of a regression model with names for all that is to be estimated.
-
-    `names` are those of the coefficients, in the order of `columns`; `fixed_delays` (s) those at which mechanisms look
-    back without a parameter.
-    """
+    """The columns of a regression model with names for all that is to be estimated."""
 
     columns: tuple[Regressor, ...]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the coefficients, in the order of `columns`
     nonlinear_parameters: tuple[NonlinearParameter, ...]
-    fixed_delays: Mapping[str, float]
+    fixed_delays: Mapping[str, float]  # s, those at which mechanisms look back without a parameter
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -440,10 +433,7 @@ def _of_effects(
 def _histories(
     flight: Flight, more: Flight, less: Flight, gravity: FloatArray, smooth: SmoothInputs
 ) -> dict[str, FloatArray | float]:
-    """What half the difference of two records does in the equations, by name of the history.
-
-    The true motion stays as it is.
-    """
+    """What half the difference of two records does in the equations, by name; the true motion stays as it is."""
 
     def change(quantity: Callable[[Flight], Any]) -> FloatArray:
         return np.asarray(0.5 * (quantity(more) - quantity(less)))

@@ -80,15 +80,12 @@ class Points:
 
 
 class Jacobian(NamedTuple):
-    """Value (m, n) and derivatives by states, parameters and delayed states.
+    """Value and derivatives by states, parameters and, by the name of their delay, delayed states."""
 
-    `by_state` is (n, m, n_states), `by_parameter` (n, m, p), `by_delayed` (n, m, n_states) by name.
-    """
-
-    value: FloatArray
-    by_state: FloatArray
-    by_parameter: FloatArray
-    by_delayed: dict[str, FloatArray]
+    value: FloatArray  # (m, n)
+    by_state: FloatArray  # (n, m, n_states)
+    by_parameter: FloatArray  # (n, m, p)
+    by_delayed: dict[str, FloatArray]  # (n, m, n_states)
 
 
 def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
@@ -104,10 +101,7 @@ def jacobian(
     method: Method,
     scale: Mapping[str, float],
 ) -> Jacobian:
-    """Value and first derivatives at all points; weights of a time-varying parameter through that parameter.
-
-    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
-    """
+    """Value and derivatives at all points by the named parameters, of sizes `scale`; weights through what they vary."""
     n_states = points.x.shape[0]
     theta = _with_time_varying(points, theta)
     kind: type = complex if method == "complex" else float
@@ -284,21 +278,17 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One segment about states x and those p parameters that act in it: `own` (p,), places among all.
+    """One segment about states x and those p parameters that act in it."""
 
-    `by_delayed` are the derivatives by all states that delays add, of all defects and outputs one after the other,
-    ((n - 1) n_states or n n_outputs, n n_states); None where there are none.
-    """
-
-    own: IntArray
-
+    own: IntArray  # their places among all, (p,)
     defect: FloatArray  # defects, (n - 1, n_states)
     defect_by_state: FloatArray  # by the states before and after, (n - 1, 2, n_states, n_states)
+    # by all states that delays add, all defects one after the other, ((n - 1) n_states, n n_states); None without any
     defect_by_delayed: csr_array[np.float64] | None
     defect_by_parameter: FloatArray  # (n - 1, n_states, p)
     output: FloatArray  # predicted outputs, (n, n_outputs)
     output_by_state: FloatArray  # by the state of the sample, (n, n_outputs, n_states)
-    output_by_delayed: csr_array[np.float64] | None
+    output_by_delayed: csr_array[np.float64] | None  # the same of outputs, (n n_outputs, n n_states)
     output_by_parameter: FloatArray  # (n, n_outputs, p)
 
 

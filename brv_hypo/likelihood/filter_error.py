@@ -117,9 +117,8 @@ def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
 
 
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on, and their NLLF.
-
-    By segment, (n_outputs, n), nan in gaps; the NLLF of Eq. 3.10 (E8).
+    """Innovations (n_outputs, n) of the Kalman filter about the smoothed states, nan in gaps; their NLLF (Eq. 3.10,
+    E8).
     """
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
 

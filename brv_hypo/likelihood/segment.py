@@ -190,11 +190,7 @@ def inputs_of(segment: Segment) -> FloatArray:
 
 
 def build_grid(segment: Segment, number: int) -> Grid:
-    """Check a segment and lay out its grid.
-
-    Raises UsageError for shapes that do not fit together, too few samples, times that do not increase, inputs that
-    are not finite.
-    """
+    """Check a segment and lay out its grid; UsageError for what does not fit together."""
     t = np.asarray(segment.t, dtype=float)
     y = np.atleast_2d(np.asarray(segment.y, dtype=float))
     u = inputs_of(segment)
@@ -323,11 +319,7 @@ class Parameters:
 def build_parameters(
     theta0: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], priors: Mapping[str, tuple[float, float]]
 ) -> Parameters:
-    """Lay the parameters out in one vector; those of equal bounds are held.
-
-    Raises UsageError for an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing
-    free.
-    """
+    """The parameters in one vector, those of equal bounds held; UsageError for what makes no sense."""
     for what, given in (("bounds", bounds), ("priors", priors)):
         unknown = sorted(set(given) - set(theta0))
         if unknown:

@@ -85,9 +85,8 @@ def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
 def states_from_outputs(
     model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
 ) -> tuple[FloatArray, ...]:
-    """A state history for each segment, (n_states, n), with the parameters at `vector`, (p,).
-
-    The one given, or the initial state moved to meet the outputs, where these show it.
+    """State histories (n_states, n) at parameters `vector` (p,): those given, or the initial state moved to the
+    outputs.
     """
     histories = []
     for grid in grids:

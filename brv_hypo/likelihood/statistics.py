@@ -35,10 +35,7 @@ def whitening(variance: FloatArray, measured: BoolArray) -> FloatArray:
 
 
 def estimate_variance(residual: FloatArray, floor: FloatArray) -> FloatArray:
-    """Diagonal of B of Eq. 3.11, (n_outputs,): mean square of the residual, (n_outputs, n), nan in gaps.
-
-    `floor` (n_outputs,) is the least of each output: noise-free data must not end in a division by zero.
-    """
+    """Diagonal of B of Eq. 3.11, (n_outputs,), at least `floor`, of residuals (n_outputs, n), nan in gaps."""
     count = np.maximum(np.isfinite(residual).sum(axis=1), 1)
     return np.asarray(np.maximum(np.nansum(residual**2, axis=1) / count, floor))
 
@@ -50,7 +47,7 @@ def negative_log_likelihood(residual: FloatArray, variance: FloatArray) -> float
 
 
 def log_determinant_of(variance: FloatArray, measured: BoolArray) -> float:
-    """Sum over samples of log det of the covariance of what was measured, `measured` (n_outputs, n)."""
+    """Sum over samples of log det of the covariance of what was `measured` (n_outputs, n)."""
     return float(measured.sum(axis=1) @ np.log(variance))
 
 
@@ -119,8 +116,7 @@ class Whiteness:
 def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
     """Inverse of the information matrix T'T plus priors, (p, p).
 
-    nan for parameters not in `estimated` (at a bound), and for those that a direction moves which the data do not
-    see.
+    nan for parameters not in `estimated` (at a bound), and for those that a direction moves which the data do not see.
     """
     p = prior_std.size
     covariance = np.full((p, p), np.nan)
@@ -225,10 +221,8 @@ def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatA
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:
-    """Factor for what the fit took out of the residuals' variance.
-
-    In white noise that is one sample per unknown, in coloured noise as many more as the variance of the unknowns is
-    larger: N / (N - unknowns tr(D^-1 C) / p).
+    """Factor for what the fit took out of the residuals' variance: N / (N - unknowns tr(D^-1 C) / p), 1 a sample if
+    white.
     """
     ratio = float(np.trace(np.linalg.solve(white, corrected))) / len(white)
     return samples / max(samples - unknowns * max(ratio, 1.0), 0.5 * samples)
@@ -249,9 +243,8 @@ def autocorrelation(residual: Sequence[FloatArray]) -> FloatArray:
 
 
 def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
-    """Coefficients of v(i) = sum a_k v(i - k) + white noise, (order,), of autocorrelations (orders + 1,), lag 0 first.
-
-    By Levinson's recursion, the order by Akaike's criterion.
+    """Coefficients (order,) of v(i) = sum a_k v(i - k) + white noise by Levinson's recursion, order by Akaike's
+    criterion.
     """
     coefficients = chosen = np.zeros(0)
     variance = float(correlation[0])

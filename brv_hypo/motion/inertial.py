@@ -94,10 +94,7 @@ class InertialRecord:
 
 
 def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRecord:
-    """Integrate the gyros and move the accelerometers to the c.g.
-
-    Raises UnanswerableError where the record is too short for any of it.
-    """
+    """Gyros integrated, accelerometers moved to the c.g.; UnanswerableError where the record is too short for that."""
     longest = max(b - a for a, b in flight.segments)
     if longest < LEAST_SEGMENT_SAMPLES:
         raise UnanswerableError(

@@ -97,9 +97,8 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
 
 @dataclass(frozen=True)
 class Criteria:
-    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others.
-
-    nan where the data do not define one (no degrees of freedom left).
+    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others; nan without degrees of
+    freedom.
     """
 
     rss: float  # (a) Sum of e^2

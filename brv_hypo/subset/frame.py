@@ -229,10 +229,7 @@ def build_frame(
     groups: Groups | None,
     parents: Parents | None,
 ) -> Frame:
-    """Check the input and reduce it to a triangular problem.
-
-    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of range.
-    """
+    """Check the input and reduce it to a triangular problem; UsageError for what is unfit."""
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)

@@ -254,10 +254,7 @@ class RandomWalkSmoother:
         offset: ComplexArray,
         drift: Drift,
     ) -> tuple[WalkEquations, LocalScaling | None]:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
-
-        With it the scaling of the last measurement.
-        """
+        """The linear problem about the crossflow `xi`, `offset` from the nominal one; the scaling of the last."""
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
 
         def linear(
