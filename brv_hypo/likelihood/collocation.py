@@ -181,9 +181,12 @@ def choose_method(
                 exact = jacobian(function, points, theta, names, "complex", scale)
         except (TypeError, np.exceptions.ComplexWarning):
             return "central"
-        pairs = zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True)
-        if not all(_agree(a, b) for a, b in pairs):
-            return "central"
+        for a, b in zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True):
+            # Each entry, (n, m, columns), over the samples, rounding of the whole block aside.
+            size = np.abs(b).max(axis=0, initial=0.0)
+            allowed = _AGREEMENT * size + _BLOCK_ROUNDING * size.max(initial=0.0)
+            if not (np.all(np.isfinite(a)) and np.all(np.abs(a - b) <= allowed)):
+                return "central"
     return "complex"
 
 
@@ -253,13 +256,6 @@ def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Map
 def _size(row: FloatArray) -> float:
     size = float(np.sqrt(np.mean(row**2)))
     return size if size > 0 else 1.0
-
-
-def _agree(exact: FloatArray, central: FloatArray) -> bool:
-    """Whether each entry, (n, m, columns), agrees over the samples, rounding of the whole block aside."""
-    size = np.abs(central).max(axis=0, initial=0.0)
-    allowed = _AGREEMENT * size + _BLOCK_ROUNDING * size.max(initial=0.0)
-    return bool(np.all(np.isfinite(exact)) and np.all(np.abs(exact - central) <= allowed))
 
 
 # ---- The dynamics as defects between samples, linearised over a whole segment ----

@@ -237,21 +237,17 @@ def scored(
     for number in range(_SCORINGS if directions.count else 0):
         before, gradient = gradient, solved.gradient()
         if number:
-            information = _updated(information, gradient - before, move)
+            # The Hessian that agrees (BFGS) with the change of the gradient, if it is positive-definite then.
+            change, pull = gradient - before, information @ move
+            along, expected = float(change @ move), float(pull @ move)
+            if along > _CURVED * expected:
+                information = information + np.outer(change, change) / along - np.outer(pull, pull) / expected
         score = Score(gradient, information)
         solved, move = solved.along(score.step())
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
     return solved, lengths or [0.0]
-
-
-def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
-    """The Hessian that agrees (BFGS) with the change of the gradient over a move, if it is positive-definite then."""
-    along, pull = float(change @ move), information @ move
-    if not along > _CURVED * float(pull @ move):
-        return information
-    return np.asarray(information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move))
 
 
 @dataclass(frozen=True)

@@ -92,13 +92,6 @@ def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
     )
 
 
-def moved_to(problem: Problem, iterate: Iterate, near: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
-    """Every segment with the derivatives of an iterate so near that they hold here too."""
-    theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, near, strict=True)
-    found = ((each, evaluate_segment(problem.model, grid, x, theta)) for grid, x, each in segments)
-    return tuple(replace(each, defect=defect, output=output) for each, (defect, output) in found)
-
-
 def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> tuple[Eliminated, ...]:

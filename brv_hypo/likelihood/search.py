@@ -25,7 +25,6 @@ from brv_hypo.likelihood.gauss_newton import (
     line_search,
     linearised,
     moved,
-    moved_to,
     objective,
     sensitivities,
 )
@@ -230,8 +229,10 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
 def _sensitivities(
     problem: Problem, iterate: Iterate, near: Sequence[Linearisation]
 ) -> tuple[Segments, SingularStatesError | None]:
-    """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
-    linear = moved_to(problem, iterate, near)
+    """The sensitivities by derivatives from `near`, initial states anchored where no output sees them yet; and why."""
+    theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, near, strict=True)
+    here = ((each, evaluate_segment(problem.model, grid, x, theta)) for grid, x, each in segments)
+    linear = [replace(each, defect=defect, output=output) for each, (defect, output) in here]
     try:
         return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:

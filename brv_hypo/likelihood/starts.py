@@ -150,15 +150,13 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
     interval = np.median(np.concatenate([g.step for g in problem.grids]))
     change = np.maximum(np.sqrt(np.mean(changes**2, axis=1)), _LEAST_LOOSENESS * problem.size)
     loose = change / np.sqrt(interval)  # process noise that lets the states follow the outputs, not the model
-    try:
+    with suppress(SingularStatesError):  # the search says so if they stay undetermined
         if any(g.start.ndim == 1 for g in problem.grids):
             iterate = smooth(problem, iterate, loose)
         reach = delay_reach(problem.model.delays, problem.parameters, problem.grids, iterate.x)
         problem = replace(problem, size=state_sizes(iterate.x), reach=np.minimum(problem.reach, reach))
         if not near:
             iterate = approach(problem, iterate, loose)
-    except SingularStatesError:
-        pass  # the search says so if they stay undetermined
     return problem, iterate
 
 

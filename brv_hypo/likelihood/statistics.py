@@ -211,10 +211,13 @@ def coloured_covariance(white: FloatArray, prior_information: FloatArray, segmen
 
 def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatArray) -> FloatArray:
     """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p)."""
-    length = 1 << (2 * len(s) - 1).bit_length()
-    gain = np.stack([_gain(model, length) for model in models], axis=1)
-    shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
-    both_sides = np.full(len(gain), 2.0)
+    length, gains = 1 << (2 * len(s) - 1).bit_length(), []
+    for model in models:  # the square root of the spectrum, of unit variance, at the frequencies of a real transform
+        polynomial = np.abs(np.fft.rfft(np.concatenate([[1.0], -model]), length))
+        response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
+        gains.append(response / np.sqrt(np.concatenate([response**2, response[-2:0:-1] ** 2]).mean()))
+    shaped = np.fft.rfft(s, length, axis=0) * np.stack(gains, axis=1)[:, :, None]
+    both_sides = np.full(len(shaped), 2.0)
     both_sides[[0, -1]] = 1.0
     product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turn @ shaped, optimize=True).real
     return np.asarray(product / length)
@@ -260,11 +263,3 @@ def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
         if criterion < least:
             least, chosen = criterion, coefficients
     return chosen
-
-
-def _gain(coefficients: FloatArray, length: int) -> FloatArray:
-    """Square root of the model's spectrum, of unit variance, at the frequencies of a real transform."""
-    polynomial = np.abs(np.fft.rfft(np.concatenate([[1.0], -coefficients]), length))
-    response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
-    power = np.concatenate([response**2, response[-2:0:-1] ** 2])
-    return np.asarray(response / np.sqrt(power.mean()))

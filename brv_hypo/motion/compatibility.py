@@ -237,13 +237,17 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
     # The axial force may differ by an error of scale, and by wind and gravity.
     logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
     of_axial = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((axial - np.exp(logs)) / axial_sigma) ** 2
+    # Three instruments of one make are about equally noisy.
+    noisy = [np.log(readings.sigma[triad]) for triad in _TRIADS if np.all(readings.sigma[triad] > 0.0)]
+    squares = (float(np.sum((each - np.median(each)) ** 2)) for each in noisy)
+    of_noise = sum(min(0.5 * s / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE) for s in squares)
     cost = (
         _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
         + min(float(np.min(of_axial)), COMPATIBILITY_MOST_PER_CHECK)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
-        + sum(_of_noise(readings.sigma[triad]) for triad in _TRIADS)
+        + of_noise
         + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
@@ -364,15 +368,6 @@ def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
 def _of_ratio(ratio: float | None, spread: float) -> float:
     """What a ratio costs that should be 1, its logarithm of that standard deviation; nothing where it is not known."""
     return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / spread) ** 2, COMPATIBILITY_MOST_PER_CHECK)
-
-
-def _of_noise(sigma: FloatArray) -> float:
-    """Three instruments of one make are about equally noisy."""
-    if not np.all(sigma > 0.0):
-        return 0.0
-    logs = np.log(sigma)
-    squares = float(np.sum((logs - np.median(logs)) ** 2))
-    return min(0.5 * squares / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE)
 
 
 # ---- The trial of a record, before anything is fitted to it: `try_record` ----

@@ -177,7 +177,10 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     coning = np.zeros(angle.shape)
     share = (np.diff(time) ** 2 / 12.0).reshape(-1, *(1,) * (angle.ndim - 1))
     coning[1:] = share * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
-    return _matrices(*_running_product(*_quaternions(coning, steps)))
+    # Unit quaternions a + b j of the rotation vectors (coning, Re, Im): a = w + i x, b = y + i z.
+    half = 0.5 * np.hypot(coning, np.abs(steps))
+    scale = 0.5 * np.sinc(half / np.pi)
+    return _matrices(*_running_product(np.cos(half) + 1j * (scale * coning), scale * steps))
 
 
 def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -190,13 +193,6 @@ def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray
     first, second, third = np.moveaxis(derolled_attitude(time, transverse_rate * turn), -1, 0)
     cosine, sine = turn.real[..., np.newaxis], turn.imag[..., np.newaxis]
     return roll, np.stack([first, second * cosine + third * sine, third * cosine - second * sine], axis=-1)
-
-
-def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Unit quaternions a + b j (n, ...) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
-    half = 0.5 * np.hypot(axial, np.abs(transverse))
-    scale = 0.5 * np.sinc(half / np.pi)
-    return np.cos(half) + 1j * (scale * axial), scale * transverse
 
 
 def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

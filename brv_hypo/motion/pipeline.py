@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from brv_hypo import thresholds as limits
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
@@ -102,7 +102,15 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     place = np.linspace(-1.0, 1.0, alpha.size)
     shapes = np.column_stack([np.ones_like(place), place, place**2, alpha**2])
     count, scale, valid = shapes.shape[1], record.force_scale, record.measured
-    columns = np.column_stack([scale[:, np.newaxis] * shapes, _read_along_the_axis(record)])[valid]
+    # What the axial accelerometer reads by one tolerance of its bias, tilt and place, m/s^2.
+    flight, tolerances, still = record.flight, record.flight.instruments, np.zeros_like(alpha)
+    _, tilt_y, tilt_z = tolerances.accel_misalignment
+    errors = [np.full_like(alpha, tolerances.accel_bias[0]), tilt_z * flight.ay, tilt_y * flight.az]
+    places = (
+        arm_acceleration(flight.p, still, record.transverse_rate, record.rate_change, arm)[:, 0]
+        for arm in np.diag(tolerances.accel_position)
+    )
+    columns = np.column_stack([scale[:, np.newaxis] * shapes, *errors, *places])[valid]
     force = record.force[valid, 0]
     left = max(float(np.std(force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0])), 1e-300)
     rows = np.vstack([columns / left, np.eye(columns.shape[1])[count:]])  # with the priors of the errors
@@ -114,19 +122,6 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     squares = float(np.sum((triangle[len(others) :, len(others) :] @ values[1:count]) ** 2))
     significant = float(np.std(coefficient) * np.median(scale)) > left and squares >= AXIAL_SIGNIFICANT
     return np.asarray(coefficient / np.median(coefficient), dtype=float) if significant else None
-
-
-def _read_along_the_axis(record: InertialRecord) -> FloatArray:
-    """What the axial accelerometer reads (n, errors) m/s^2 by one tolerance of its bias, tilt and place."""
-    flight, tolerances = record.flight, record.flight.instruments
-    _, tilt_y, tilt_z = tolerances.accel_misalignment
-    still = np.zeros_like(flight.p)
-    places = [
-        arm_acceleration(flight.p, still, record.transverse_rate, record.rate_change, arm)[:, 0]
-        for arm in np.diag(tolerances.accel_position)
-    ]
-    bias = np.full_like(flight.p, tolerances.accel_bias[0])
-    return np.column_stack([bias, tilt_z * flight.ay, tilt_y * flight.az, *places])
 
 
 # ---- What limits a reconstruction, as far as the record itself shows, and what would help ----
@@ -265,7 +260,13 @@ def reconstruct(
 def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Motion:
     flight, xi = record.flight, wind.crossflow
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
-    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
+    # The rate of the crossflow from the kinematics: Eq. 3.1 with gravity, per unit of speed.
+    own, forward = wind.record, np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
+    acceleration = own.force + own.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
+    transverse = acceleration[:, 1] + 1j * acceleration[:, 2]
+    along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
+    turning = -1j * own.flight.p * xi + 1j * own.transverse_rate * forward
+    alpha_rate, meridian_rate = angle_rates(xi, turning + (transverse - xi * along) / own.flight.velocity)
     in_plane = plane_from_body(moments.body, meridian).real
     # C_m0 + C_malpha alpha, fitted to it by weighted least squares.
     weight, line = np.where(moments.usable, 1.0 / moments.noise_sigma, 0.0), np.vander(alpha, 2)
@@ -289,14 +290,3 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         roll_acceleration=np.gradient(flight.p, flight.time),
         axial_share=axial_share(record, alpha),
     )
-
-
-def _crossflow_rate(wind: WindHistory) -> ComplexArray:
-    """Rate of the crossflow (n,), 1/s, from the kinematics: Eq. 3.1 with gravity, per unit of speed."""
-    record, flight, xi = wind.record, wind.record.flight, wind.crossflow
-    forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
-    acceleration = record.force + record.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
-    transverse = acceleration[:, 1] + 1j * acceleration[:, 2]
-    along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
-    turning = -1j * flight.p * xi + 1j * record.transverse_rate * forward
-    return np.asarray(turning + (transverse - xi * along) / flight.velocity)

@@ -247,19 +247,15 @@ def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[In
     if moved:
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
         impulses[:, :, moved] = running_integral(smooth.time, pulls)
-    impulses -= np.stack([_wind(record) - _wind(smooth) for record in records], axis=2)
+    known = [np.zeros((1, 3)) if each.flight.wind is None else each.flight.wind for each in (smooth, *records)]
+    calm, *winds = (wind - wind[0] for wind in known)
+    impulses -= np.stack([np.broadcast_to(wind - calm, velocity.shape) for wind in winds], axis=2)
     drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
     for k, record in enumerate(records):
         if record.attitude is not smooth.attitude:
             drift[:, :, k] += velocity
             drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
     return drift
-
-
-def _wind(record: InertialRecord) -> FloatArray:
-    """The wind (n, 3) m/s that is known, less that of the first sample."""
-    wind = record.flight.wind
-    return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
 
 
 class Drift:

@@ -110,15 +110,6 @@ class MeasurementModel:
         bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
         return LocalScaling(bounded, unit(xi) ** 2)
 
-    def add_effects(self, columns: ComplexArray, rows: slice, modelled: ComplexArray) -> None:
-        """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
-
-        An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
-        """
-        columns += self.kept.all_of(self.effects, rows)
-        if self.factors is not None:
-            columns -= self.kept.all_of(self.factors, rows) * modelled[rows, np.newaxis]
-
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
         return replace(self, slope_basis=slope_basis(time, count))
@@ -274,7 +265,11 @@ def walk_equations(
     for part in (half[:, : gram.shape[0]], half[:, gram.shape[0] :]):
         gram -= part.T @ part
     answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
-    return WalkEquations(measurements[-1], answer, _inverse_diagonal(information), gram)
+    # The diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample.
+    upward, reverse = cholesky_banded(information)[1] ** 2, np.zeros_like(information)
+    reverse[1], reverse[0, 1:] = information[1, ::-1], information[0, :0:-1]
+    downward = cholesky_banded(reverse)[1, ::-1] ** 2
+    return WalkEquations(measurements[-1], answer, 1.0 / (upward + downward - information[1]), gram)
 
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
@@ -292,12 +287,3 @@ def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatA
             projected[rows, :count] += white.real
             projected[rows, count:] += white.imag
     return gram, projected
-
-
-def _inverse_diagonal(band: FloatArray) -> FloatArray:
-    """Diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample."""
-    upward = cholesky_banded(band)[1] ** 2
-    reverse = np.zeros_like(band)
-    reverse[1], reverse[0, 1:] = band[1, ::-1], band[0, :0:-1]
-    downward = cholesky_banded(reverse)[1, ::-1] ** 2
-    return np.asarray(1.0 / (upward + downward - band[1]))

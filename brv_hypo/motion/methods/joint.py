@@ -272,7 +272,11 @@ class RandomWalkSmoother:
                 here, moved = own[rows], drift[rows]
                 out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
                 errors, shared = out[:, GRAVITY_PARTS : self.shared], out[:, : self.shared]
-                measurement.add_effects(errors, rows, modelled)
+                # What they add to the observation less what the model makes of it. An error of the scale is at every
+                # crossflow what the slope would be: only its prior parts the two.
+                errors += measurement.kept.all_of(measurement.effects, rows)
+                if measurement.factors is not None:
+                    errors -= measurement.kept.all_of(measurement.factors, rows) * modelled[rows, np.newaxis]
                 if scaling is not None:
                     errors[:] = scaling.of(errors, rows)
                 shared += gain[rows, np.newaxis] * moved
