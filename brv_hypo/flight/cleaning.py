@@ -26,16 +26,7 @@ from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.flight.clock import (
-    JUMP_FLANK,
-    MAD_TO_SIGMA,
-    bridge,
-    joint_jumps,
-    places_with_gaps,
-    runs,
-    sigma_of_differences,
-    stamped_steps,
-)
+from brv_hypo.flight import clock
 from brv_hypo.flight.record import INERTIAL_CHANNELS, Channels, RecordFault
 from brv_hypo.io.text import counted
 
@@ -109,7 +100,7 @@ def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
     if share > 1.0 - 1.0 / limits.STUCK_FEWEST_SAMPLES:
         return ()
     shortest = np.log(limits.STUCK_CHANCE / values.size) / np.log(share)
-    stretches = runs(equal)
+    stretches = clock.runs(equal)
     lengths = np.array([stop - start for start, stop in stretches])
     found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
     if not repeats:
@@ -136,7 +127,7 @@ def flat_tops(values: FloatArray) -> BoolArray:
     near = slice(1, 1 + FLAT_LEVELS)
     for level, own, others in ((levels[-1], counts[-1], counts[::-1][near]), (levels[0], counts[0], counts[near])):
         at = values == level
-        lengths = [stop - start for start, stop in runs(at)]
+        lengths = [stop - start for start, stop in clock.runs(at)]
         # A single stretch at one value is a channel that is stuck, at whatever height.
         if own < limits.FLAT_SAMPLES or len(lengths) < 2 or not others.size:
             continue
@@ -177,12 +168,12 @@ def find_bursts(values: FloatArray) -> BoolArray:
     around[:2] = around[-1:] = np.nan
     third = jumps - around
     finite, size = third[np.isfinite(third)], np.nan_to_num(np.abs(third))
-    scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
+    scale = clock.MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
     peaks = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
     edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale)).tolist()
     if scale == 0.0 or len(edges) > limits.BURST_MOST_EDGES:
         return found
-    sigma = sigma_of_differences([values])
+    sigma = clock.sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
             length = limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST
@@ -232,13 +223,13 @@ def find_spikes(values: FloatArray) -> BoolArray:
             break
         found |= fresh
         cleaned[fresh] = np.nan
-        cleaned = np.where(found, bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
+        cleaned = np.where(found, clock.bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
     return found if np.count_nonzero(found) <= limits.SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:
     """`values` (n,) at `time` (n,) with `spikes` (n,) replaced by a cubic spline through the others."""
-    return bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
+    return clock.bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
 
 
 def despiked(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, dict[str, BoolArray], list[str]]:
@@ -281,7 +272,7 @@ def _scale(departure: FloatArray, values: FloatArray) -> float:
     steps = steps[steps > 0.0]
     if finite.size == 0 or steps.size == 0:
         return float(np.inf)
-    return max(MAD_TO_SIGMA * float(np.median(np.abs(finite))), 0.5 * float(steps.min()))
+    return max(clock.MAD_TO_SIGMA * float(np.median(np.abs(finite))), 0.5 * float(steps.min()))
 
 
 @cache
@@ -309,11 +300,11 @@ def mask_faults(
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
     steady, faults, masked = time.copy(), [], dict(channels)
-    for at, excess in stamped_steps(time, tried):
+    for at, excess in clock.stamped_steps(time, tried):
         steady[at:] -= excess
         action = f"the samples run on: later stamps moved by {-excess:.4g} s"
         faults.append(RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action))
-    places, dead = places_with_gaps(steady, JUMP_FLANK), _dead(steady, tried)
+    places, dead = clock.places_with_gaps(steady, clock.JUMP_FLANK), _dead(steady, tried)
     for name, values in tried.items():
         masked[name], found = (values, [dead[name]]) if name in dead else _mask_channel(name, steady, values, places)
         faults += found
@@ -328,7 +319,7 @@ def mask_faults(
         "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
         "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
     )
-    for at in np.searchsorted(places, joint_jumps(unspiked)):
+    for at in np.searchsorted(places, clock.joint_jumps(unspiked)):
         faults.append(RecordFault.over(steady[at - 1 : at + 1], "time", "clock step", action, decisive=True))
     return steady, masked, tuple(faults)
 
@@ -341,7 +332,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
         for name in INERTIAL_CHANNELS
         if name in channels
         and name not in constant
-        and sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
+        and clock.sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
     speed = channels["velocity"]
     # What speed, or what is sensed along the axis, says that a constant gauge must have missed.
@@ -384,7 +375,7 @@ def _mask_channel(
     )
     masked, faults = values, []
     for kind, found, most, words in kinds:
-        share, stretches = float(np.mean(found)), runs(found)
+        share, stretches = float(np.mean(found)), clock.runs(found)
         if share > most:
             action = (
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "

@@ -27,26 +27,8 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.identification import parameters
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot, real_rows
-from brv_hypo.identification.parameters import (
-    ACCELEROMETERS,
-    CROSSFLOW,
-    FORCE_SCALE_ERROR,
-    GYROS,
-    MOMENT_SCALE_ERROR,
-    MOMENTS,
-    PRESSURE_ERROR,
-    RATIO_ERROR,
-    ROLL_RATE_ERROR,
-    SPEED_ERROR,
-    Structure,
-    averaged,
-    kink,
-    lever_force,
-    of_flight,
-    on_grid,
-    placed,
-)
 from brv_hypo.likelihood import Delayed
 from brv_hypo.linearisation.propagated_motion import GRAVITY
 from brv_hypo.mechanisms.contract import Mechanism
@@ -122,10 +104,10 @@ class Shapes:
         lacking = np.empty((len(knotted), time.size), dtype=complex)
         for k, j in enumerate(knotted):
             row, shape = SLOPES + 4 * k, self.acceleration[j]
-            here = placed(self.columns[j].time_basis, time, half, self.context.own)
-            first, second = kink(*here)
+            here = parameters.placed(self.columns[j].time_basis, time, half, self.context.own)
+            first, second = parameters.kink(*here)
             slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
+            on_grid_too[j] = parameters.on_grid(*here) * shape - first * slope + second * curvature
             lacking[k] = first * shape - 2.0 * second * slope
         return on_grid_too, knotted, lacking
 
@@ -135,10 +117,10 @@ class Shapes:
         out = self.acceleration.copy()
         for own, column in zip(out, self.columns, strict=True):
             if has_knot(column):
-                time_basis, time, _ = placed(
+                time_basis, time, _ = parameters.placed(
                     column.time_basis, self.here.time, self.here.input("half"), self.context.own
                 )
-                own *= averaged(time_basis, time, self.context.block)
+                own *= parameters.averaged(time_basis, time, self.context.block)
         return out
 
 
@@ -162,7 +144,7 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 class MomentModel:
     """What the columns of a structure are at any motion; `uses_rates`: whether rates of its angles change them."""
 
-    structure: Structure
+    structure: parameters.Structure
     mechanisms: Mapping[str, Mechanism]
     uses_rates: bool = True
 
@@ -202,8 +184,8 @@ class MomentModel:
         fixed = self._wind_fixed(columns)
         terms, weights = evaluated([column for _, column in fixed], self.mechanisms, motion), []
         for name, column in fixed:
-            here = placed(column.time_basis, motion.time, half, own)
-            weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
+            here = parameters.placed(column.time_basis, motion.time, half, own)
+            weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else parameters.on_grid(*here)))
         return replace(motion, in_plane_moment=summed((term.in_plane for term in terms), weights, motion.alpha))
 
 
@@ -226,7 +208,7 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
 FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
+RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
 
 
@@ -267,8 +249,10 @@ class VehicleModel:
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
             p = here.input("p") - self._roll_rate_error(context, theta)
-            force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
-        return real_rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
+            force = force + parameters.lever_force(arm, omega, body_rate, p, here.input("p_rate"))
+        return real_rows(
+            omega + _pair(parameters.GYROS, context, theta), force + _pair(parameters.ACCELEROMETERS, context, theta)
+        )
 
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
@@ -276,7 +260,7 @@ class VehicleModel:
         """
         if not self.moments.uses_rates:
             return ()
-        return (*FORCES, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+        return (*FORCES, *(parameters.of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
@@ -308,9 +292,9 @@ class VehicleModel:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
 
     def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
-        k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
+        k = context.vehicle.inertia_ratio * (1.0 - _error(parameters.RATIO_ERROR, context, theta))
         p, error = here.input("p"), self._roll_rate_error(context, theta)
-        tolerated = _pair(MOMENTS, context, theta) * np.conj(here.to_body)
+        tolerated = _pair(parameters.MOMENTS, context, theta) * np.conj(here.to_body)
         return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
@@ -318,9 +302,9 @@ class VehicleModel:
         # Gravity along each axis of the first sample, by what it adds across the body in de-rolled axes.
         along_y, along_z = (here.u[ROW[f"gravity_x{axis}"] :][:3] for axis in "yz")
         gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ (along_y + 1j * along_z)
-        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
+        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(parameters.CROSSFLOW, context, theta)
         gained = gained + self._force(here, context, theta)
-        slower = 1.0 + _error(SPEED_ERROR, context, theta)
+        slower = 1.0 + _error(parameters.SPEED_ERROR, context, theta)
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))  # along the axis, m/s
         return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + slower * gained)
 
@@ -331,24 +315,24 @@ class VehicleModel:
         shapes = np.stack([np.ones_like(drift), drift, angle_of_attack(xi) ** 2])
         slope = np.array([theta[name] for name in FORCES]) @ shapes
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
-        force = -scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * effective(xi)
+        force = -scale * (1.0 - _error(parameters.FORCE_SCALE_ERROR, context, theta)) * effective(xi)
         return np.asarray(force * slope)
 
     def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
         """Measured less true roll rate (n,), rad/s."""
-        return _error(ROLL_RATE, context, theta) + _error(ROLL_RATE_ERROR, context, theta)
+        return _error(ROLL_RATE, context, theta) + _error(parameters.ROLL_RATE_ERROR, context, theta)
 
     def _pressure_share(self, context: Context, theta: Values) -> FloatArray | float:
         """True dynamic pressure over the measured one (n,)."""
-        return 1.0 - _error(PRESSURE, context, theta) - _error(PRESSURE_ERROR, context, theta)
+        return 1.0 - _error(PRESSURE, context, theta) - _error(parameters.PRESSURE_ERROR, context, theta)
 
     def _moment_share(self, context: Context, theta: Values) -> FloatArray | float:
         """True angular acceleration per unit coefficient over the declared one (n,)."""
-        return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
+        return self._pressure_share(context, theta) * (1.0 - _error(parameters.MOMENT_SCALE_ERROR, context, theta))
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         # Without what noise leaves in the inputs, and errors that do too little to the rates to matter.
-        quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+        quiet = (ROLL_RATE, PRESSURE, parameters.PRESSURE_ERROR, parameters.SPEED_ERROR, parameters.FORCE_SCALE_ERROR)
         theta = {**theta, **dict.fromkeys(_own(quiet, context), 0.0)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
@@ -378,12 +362,12 @@ class VehicleModel:
 
 def _own(names: Sequence[str], context: Context) -> list[str]:
     """Names of a flight's own parameters or courses."""
-    return [of_flight(name, context.flight) for name in names]
+    return [parameters.of_flight(name, context.flight) for name in names]
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
     """A course of the flight's errors (n,); 0 where it has none of that name."""
-    return theta.get(of_flight(name, context.flight), 0.0)
+    return theta.get(parameters.of_flight(name, context.flight), 0.0)
 
 
 def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:

@@ -9,23 +9,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood import starts
 from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose_method, parameter_scales, start_points
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
-from brv_hypo.likelihood.starts import (
-    begin,
-    best_of,
-    bridged,
-    chosen,
-    first_noises,
-    pieces_of,
-    refine,
-    state_sizes,
-    states_from_outputs,
-    stretches,
-)
 from brv_hypo.progress import Progress, report_to, silent
 
 
@@ -130,7 +119,7 @@ def fit(
         near_start=near_start,
         options=options,
     )
-    return task.solve(segments, 1) if near_start else refine(segments, task.solve)
+    return task.solve(segments, 1) if near_start else starts.refine(segments, task.solve)
 
 
 @dataclass(frozen=True)
@@ -161,16 +150,16 @@ class _Task:
             return near._solve(segments, steps)
         found = self._solve(segments, steps)
         driven = self.process_noise is not None and np.any(self.process_noise)
-        between = () if self.near_start or self.delays or driven else stretches(segments)
+        between = () if self.near_start or self.delays or driven else starts.stretches(segments)
         if not between:
             return found
-        pieces = pieces_of(segments, between)
+        pieces = starts.pieces_of(segments, between)
         part = self._solve(pieces, steps)
         if not part.converged:
             return found
         known = [(piece.t[::steps], states) for piece, states in zip(pieces, part.states, strict=True)]
-        again = self._near(part)._solve(bridged(segments, between, known), steps)
-        return chosen({"the whole record": found, "the stretches between gaps": again})
+        again = self._near(part)._solve(starts.bridged(segments, between, known), steps)
+        return starts.chosen({"the whole record": found, "the stretches between gaps": again})
 
     def _near(self, found: FitResult) -> _Task:
         return replace(self, theta0={name: found.theta[name] for name in self.theta0}, near_start=True)
@@ -185,16 +174,16 @@ class _Task:
         limits = dict.fromkeys(self.delays, (-longest, longest)) | dict(self.bounds)
         parameters = build_parameters(self.theta0, limits, self.priors)
         model = self._model(grids, parameters)
-        histories = states_from_outputs(model, grids, parameters, parameters.start)
+        histories = starts.states_from_outputs(model, grids, parameters, parameters.start)
         problem = Problem(
             model=model,
             grids=grids,
             parameters=parameters,
-            size=state_sizes(histories),
+            size=starts.state_sizes(histories),
             process_noise=self._driving(grids[0].start.shape[0]),
             reach=parameters.spread(self.reach, np.inf),
         )
-        noises = first_noises(np.concatenate([g.y for g in grids], axis=1))
+        noises = starts.first_noises(np.concatenate([g.y for g in grids], axis=1))
         known = None if self.noise is None else _variance(self.noise, len(grids[0].y))
         if known is not None:
             noises = {"the noise that was given": known} | noises
@@ -202,12 +191,12 @@ class _Task:
             noises = {"an earlier fit": _variance(self.first_noise, len(grids[0].y))} | noises
 
         def run(first: FloatArray) -> FitResult:
-            begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
+            begun, iterate = starts.begin(problem, Iterate(histories, parameters.start, first), self.near_start)
             iterate = iterate if known is None else replace(iterate, variance=known)
             return assess(search(begun, iterate, self.options), self.options, steps)
 
         alone = self.near_start or sum(g.n for g in grids) > _LONGEST
-        return best_of(noises, run, alone=alone, known=known is not None)
+        return starts.best_of(noises, run, alone=alone, known=known is not None)
 
     def _driving(self, n_states: int) -> FloatArray:
         """Process noise of each state, (n_states,)."""

@@ -29,20 +29,9 @@ from threadpoolctl import threadpool_limits
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
+from brv_hypo.flight import plausibility
 from brv_hypo.flight.derived import ALTITUDE_FOLLOWS, DENSITY_FOLLOWS, PRESSURE_FOLLOWS, atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.plausibility import (
-    FEET,
-    GRAVITY,
-    PSF,
-    contradictions,
-    fitted_slopes,
-    integral,
-    mounting_fault,
-    nose_axis,
-    path_into_force,
-    relative_turns,
-)
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import arm_acceleration, body_attitude, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level
@@ -81,13 +70,13 @@ _OF_FORCES = (("ax",), ("ay",), ("az",), ACCELEROMETERS)
 # Which channels of an instrument may be in another unit, the factor, and the mistake either way.
 _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
     ("gyros", (("p",), ("q",), ("r",), GYROS), DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
-    ("accelerometers", _OF_FORCES, GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
-    ("accelerometers", _OF_FORCES, 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
-    ("air data", (("velocity",),), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    ("accelerometers", _OF_FORCES, plausibility.GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
+    ("accelerometers", _OF_FORCES, 1.0 / plausibility.FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+    ("air data", (("velocity",),), 1.0 / plausibility.FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
     ("air data", (("velocity",),), 1.0 / KNOT, "m/s tagged knots", "knots tagged m/s"),
-    ("air data", (("dynamic_pressure",),), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
-    ("air data", (("altitude",),), 1.0 / FEET, "m tagged ft", "ft tagged m"),
-    ("air data", (("velocity", "altitude"),), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
+    ("air data", (("dynamic_pressure",),), plausibility.PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    ("air data", (("altitude",),), 1.0 / plausibility.FEET, "m tagged ft", "ft tagged m"),
+    ("air data", (("velocity", "altitude"),), 1.0 / plausibility.FEET, "metres tagged feet", "feet tagged metres"),
 )
 
 
@@ -126,7 +115,7 @@ def corrections() -> Iterator[Correction]:
                 yield Correction(chosen, "units", words, _scaled(instrument, chosen, value))
     # The other ways in which the transverse gyros can stand to the transverse accelerometers, those of two mistakes or
     # more. Turning both triads together changes nothing that can be seen.
-    for matrix in relative_turns():
+    for matrix in plausibility.relative_turns():
         swapped = matrix[1, 1] == 0.0
         flipped = [name for name, sign in zip(GYROS, matrix.sum(axis=1), strict=True) if sign < 0.0]
         changes = len(flipped) + swapped
@@ -274,32 +263,34 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
     constant force in the body over what varies of it.
     """
     time, rates, (velocity, pressure, _) = piece.time, piece.channels["gyros"], piece.channels["air data"]
-    roll = integral(time, rates[0])
+    roll = plausibility.integral(time, rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega, omega_change = rates[1] + 1j * rates[2], piece.change[1] + 1j * piece.change[2]
     swing = arm_acceleration(rates[0], piece.change[0], omega, omega_change, vehicle.accelerometer_position)
     forces = piece.channels["accelerometers"] - swing.T
     axial, force = forces[0], forces[1] + 1j * forces[2]
-    path_of_gyros = integral(time, 1j * velocity * omega * turn)
+    path_of_gyros = plausibility.integral(time, 1j * velocity * omega * turn)
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
     rate_noise, noise = (2.0 * float(np.mean(piece.sigma[triad][1:] ** 2)) for triad in _TRIADS)
 
-    first, slope = path_into_force(time, rates, forces, velocity, scale, noise)
+    first, slope = plausibility.path_into_force(time, rates, forces, velocity, scale, noise)
     # Relation 2, integrated; a moment fixed in the body may come and go.
-    body = [integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
-    damped = integral(time, pressure / velocity * omega * spin)
+    body = [plausibility.integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
+    damped = plausibility.integral(time, pressure / velocity * omega * spin)
     ones = np.ones_like(spin)
-    ratio = [integral(time, 1j * force * spin * power) for power in powers]
-    second, _ = fitted_slopes(rate_noise, omega * spin, ratio, [ones, *body, damped, integral(time, axial * spin)])
+    ratio = [plausibility.integral(time, 1j * force * spin * power) for power in powers]
+    second, _ = plausibility.fitted_slopes(
+        rate_noise, omega * spin, ratio, [ones, *body, damped, plausibility.integral(time, axial * spin)]
+    )
 
     # Relation 3, integrated.
     away = spin * np.conj(turn)
-    drift = [integral(time, pressure / velocity * away * power) for power in powers]
+    drift = [plausibility.integral(time, pressure / velocity * away * power) for power in powers]
     gyro_crossflow = path_of_gyros / velocity * away
-    static = [integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
-    third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
+    static = [plausibility.integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
+    third, _ = plausibility.fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
     return np.array([first, second, third]), slope, steady
 
@@ -324,7 +315,7 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
             place = np.linspace(-1.0, 1.0, piece.time.size)
             smooth = np.polyval(np.polyfit(place, altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
             fall = np.gradient(smooth, piece.time)
-            change = change + gravity * integral(piece.time, fall / velocity)
+            change = change + gravity * plausibility.integral(piece.time, fall / velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = wind**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
@@ -333,10 +324,10 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
         normal = np.hypot(y, z)
         stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * pressure * flight.vehicle.reference_area / flight.vehicle.mass
         angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-        lift = COMPATIBILITY_LIFT_DOUBT * integral(piece.time, normal * angle)[::every]
+        lift = COMPATIBILITY_LIFT_DOUBT * plausibility.integral(piece.time, normal * angle)[::every]
         covariance += np.outer(lift, lift)
         covariance += piece.sigma["air data"][0] ** 2 * np.eye(time.size)
-        sensed = integral(piece.time, axial)[::every]
+        sensed = plausibility.integral(piece.time, axial)[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
@@ -410,8 +401,10 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
     air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
-    turned = mounting_fault(flight.time, nose_axis(flight.time, rates, forces, air), tolerance)
-    return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
+    turned = plausibility.mounting_fault(
+        flight.time, plausibility.nose_axis(flight.time, rates, forces, air), tolerance
+    )
+    return (*plausibility.contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:

@@ -106,12 +106,6 @@ def _kept_splines(time: bytes, start: float, stop: float, count: int) -> FloatAr
     return design
 
 
-def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The interval of samples that holds each time (n,) s, and the time since its first sample (n,) s."""
-    interval = samples[1:-1].searchsorted(time, side="right")
-    return interval, time - samples[interval]
-
-
 def running_integral(time: FloatArray, values: Values) -> Values:
     """Integral of `values` (n, ...), real or complex, from the first sample to each; fourth order."""
     if time.size < _FEWEST:

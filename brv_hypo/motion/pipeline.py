@@ -22,7 +22,7 @@ from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
 from brv_hypo.motion.interpolation import blocks
-from brv_hypo.motion.methods import ReconstructionConfig, method_of
+from brv_hypo.motion.methods import ReconstructionConfig, methods
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, projected_variance
@@ -226,7 +226,7 @@ def reconstruct(
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    wind: WindHistory = method_of(config.method)(record, config, perturbations)
+    wind: WindHistory = methods()[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))

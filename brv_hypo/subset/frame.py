@@ -330,9 +330,8 @@ def _checked(
     columns = tuple(dict.fromkeys(int(j) for j in forced))
     outside = [j for j in columns if not 0 <= j < X_array.shape[1]]
     if outside:
-        raise UsageError(
-            f"forced names columns {outside}, but X has columns 0..{X_array.shape[1] - 1}; use forced=() for none"
-        )
+        known = f"X has columns 0..{X_array.shape[1] - 1}"
+        raise UsageError(f"forced names columns {outside}, but {known}; use forced=() for none")
     for name, values in (*((f"column {j} of X", column) for j, column in enumerate(X_array.T)), ("y", y_array)):
         largest = float(np.max(np.abs(values), initial=0.0))
         if largest > MOST_SQUARED or 0.0 < largest < 1.0 / MOST_SQUARED:
