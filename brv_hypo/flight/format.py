@@ -110,10 +110,7 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
 
 
 def unassemble(flight: Flight) -> Record:
-    """The record of a flight: NaN outside its segments, so that a cut outlives a round trip.
-
-    Raises FlightRecordError where the flight, built by hand perhaps, is not a valid record.
-    """
+    """The record of a flight, NaN outside its segments, so that cuts stay; FlightRecordError where it is not valid."""
     usable, channels = flight.measured(), dict(flight.columns())
     time = channels.pop("time")
     for name, values in channels.items():

@@ -148,10 +148,7 @@ class Inspection:
 
 
 def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None) -> Inspection:
-    """Inspect a format 1 file, as recorded, or a flight in memory; from `start` to `stop` in s.
-
-    Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.
-    """
+    """Inspect a format 1 file or a flight in memory from `start` to `stop` (s); FlightRecordError if unusable."""
     record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
     ready = windowed(flight if isinstance(flight, Flight) else assemble(record), start, stop)
     first = np.searchsorted(record.time, -np.inf if start is None else start, side="left")

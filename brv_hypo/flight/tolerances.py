@@ -113,10 +113,7 @@ def instruments_from(source: str | Path, record: Instruments) -> Instruments:
 
 
 def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) -> Instruments:
-    """The tolerances that a mapping gives over those of `base`: keys and units as `instruments_from` reads them.
-
-    `origin` names the mapping in a refusal. Raises UsageError.
-    """
+    """The tolerances that a mapping gives over `base`, as of `instruments_from`; UsageError, naming `origin`."""
     if "grade" in content:
         base = of_grade(str(content["grade"]))
     stated = {key: value for key, value in content.items() if key != "grade"}

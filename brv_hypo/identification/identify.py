@@ -236,9 +236,7 @@ class Estimate:
 class Identification:
     """A regression model refined by maximum likelihood on the original measurements."""
 
-    status: str
-    """That of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed" where
-    it could not be begun."""
+    status: str  # that of the likelihood, such as "converged"; "failed" where it could not be begun
     message: str  # cause and remedy
     columns: tuple[Regressor, ...]  # the regression's, with delays and knots at their estimates
     values: FloatArray  # coefficients (columns,), in the units of the columns
@@ -246,12 +244,10 @@ class Identification:
     terms: tuple[Estimate, ...] = ()  # the coefficients
     nonlinear: tuple[Estimate, ...] = ()  # delays and knots
     forces: tuple[Estimate, ...] = ()  # normal-force slope (1/rad) and its drift
-    instruments: tuple[Estimate, ...] = ()
-    """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
+    instruments: tuple[Estimate, ...] = ()  # what is known to a tolerance: errors of the record and moments
     log_likelihood: float = float("nan")  # minus the NLLF of Eq. 3.10 with erratum E8, at every sample
     iterations: int = 0  # of all searches together
-    innovations: tuple[FloatArray, ...] = ()
-    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2)."""
+    innovations: tuple[FloatArray, ...] = ()  # (4, samples) each: measured less predicted q, r, ay, az, SI
     whiteness: tuple[Whiteness, ...] = ()  # test of each output's innovations, in their order
     seconds: float = 0.0  # wall clock
     problem: Problem | None = None  # what was solved; None where it could not be begun
@@ -290,20 +286,13 @@ def identify(
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
-    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are
-    the errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the
-    frame share the coefficients; each has its own initial states, gravity direction and errors.
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are the
+    errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the frame
+    share the coefficients; each has its own initial states, gravity direction and errors.
 
-    Args:
-        frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
-        columns: the model's columns. values: their regression coefficients (columns,).
-        regressed: what the regression says beside its coefficients; None where the records are as measured.
-        max_iterations: of one search.
-        begin_anew: search from the data alone where the regression's fit leads nowhere, which takes several times as
-            long.
-
-    Returns:
-        The refined model; a failure is its status, with the regression's values left in place.
+    `columns` and `values` (columns,) are the model's, `regressed` what the regression says beside them, None where
+    the records are as measured. `begin_anew`: search from the data alone where the regression's fit leads nowhere,
+    which takes several times as long. A failure is a status, with the regression's values left in place.
     """
     begun = clock.perf_counter()
     try:

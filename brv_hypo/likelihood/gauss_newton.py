@@ -43,12 +43,8 @@ class Problem:
     grids: tuple[Grid, ...]  # the segments
     parameters: Parameters  # the free parameters
     size: FloatArray  # magnitude of each state, (n_states,)
-    process_noise: FloatArray
-    """Standard deviation of the noise that drives each state, (n_states,), per root second; 0 makes its dynamics a
-    constraint.
-    """
-    reach: FloatArray
-    """Largest change of each parameter in one step, (p,): infinite but for what acts alike over a short way only."""
+    process_noise: FloatArray  # what drives each state, (n_states,), per root second; 0: its dynamics hold exactly
+    reach: FloatArray  # largest change of each parameter in one step, (p,); mostly infinite
 
 
 @dataclass(frozen=True)

@@ -53,27 +53,15 @@ class FitResult(Tabular):
     message: str  # cause and remedy where it did not converge
     names: tuple[str, ...]  # the free parameters
     theta: dict[str, float]  # estimate by name, those held included
-    std_error: dict[str, float]
-    """Standard error by name, residuals taken as white; nan at a bound or where the data do not determine the
-    parameter.
-    """
+    std_error: dict[str, float]  # by name, residuals taken as white; nan at a bound, or where not determined
+    # for coloured residuals (Morelli and Klein 1997): report this one; with process noise, their model, that above
     std_error_coloured: dict[str, float]
-    """The same, corrected for coloured residuals (Morelli and Klein 1997): report this one. With process noise, which
-    is itself the model of what colours the residuals, equal to std_error.
-    """
     covariance: FloatArray  # (p, p), residuals taken as white
+    # minus the NLLF of Eq. 3.10 (E8), -1/2 sum(v' B^-1 v + log det B): without -1/2 N log(2 pi), as in the report
     log_likelihood: float
-    """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
-    left out, as in the report.
-    """
-    noise_variance: FloatArray
-    """Variances of the measurement noise, (n_outputs,); in output error the diagonal of B of Eq. 3.11."""
-    process_noise: FloatArray
-    """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
-    noise_std_error: FloatArray
-    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_variance`,
-    (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
-    """
+    noise_variance: FloatArray  # of the measurement noise, (n_outputs,); in output error diagonal of B, Eq. 3.11
+    process_noise: FloatArray  # what drives each state, (n_states,), per root second; zeros in output error
+    noise_std_error: FloatArray  # of the roots of `noise_variance`; nan where given or 0, and in output error
     process_noise_std_error: FloatArray  # the same of `process_noise`, (n_states,)
     iterations: int  # Gauss-Newton steps taken in theta
     history: tuple[Iteration, ...]  # NLLF, violation of the dynamics, step length and fraction after each iteration
@@ -81,19 +69,13 @@ class FitResult(Tabular):
     whiteness: tuple[Whiteness, ...]  # test of each output's innovations
     states: tuple[FloatArray, ...]  # by segment, (n_states, n)
     innovations: tuple[FloatArray, ...]  # by segment, measured minus predicted output, (n_outputs, n); nan in gaps
-    at_bound: tuple[str, ...]
-    """Parameters that ended at a bound: their errors, and the meaning of the others', are conditional."""
+    at_bound: tuple[str, ...]  # parameters at a bound: their errors, and what the others mean, are conditional
     derivatives: Method  # how the functions were differentiated
     samples: int  # number of measured values, all outputs and segments
-    mesh_shift: float = float("nan")
-    """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
-    between samples; nan where that is not known (delays, records of many thousand samples).
-    """
+    mesh_shift: float = float("nan")  # of an estimate by the mesh at most, in standard errors; nan where not known
     mesh_steps: int = 1  # steps of the dynamics between samples
-    starting_points: tuple[StartingPoint, ...] = ()
-    """The searches that were compared, the first of them first; this is the best of them."""
-    remarks: tuple[str, ...] = ()
-    """What makes the errors mean something else than they say, though the search converged."""
+    starting_points: tuple[StartingPoint, ...] = ()  # the searches, the first first; this is the best of them
+    remarks: tuple[str, ...] = ()  # what makes the errors mean something else, though the search converged
 
     def headline(self) -> str:
         """Status, likelihood and size."""

@@ -152,8 +152,7 @@ class Outcome:
     status: Status  # how it ended
     message: str  # the same in words, with cause and remedy
     history: tuple[Iteration, ...]  # every iteration
-    segments: Segments = ()
-    """The sensitivities from which the last step came, where that step was negligible and they still hold."""
+    segments: Segments = ()  # the sensitivities of the last step, where it was negligible and they still hold
 
 
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:

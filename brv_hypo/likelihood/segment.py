@@ -117,7 +117,9 @@ def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, numbe
 
 
 Hold = Literal["zero", "linear", "cubic"]
-"""An input between samples: as at the last one, on a straight line, on a cubic."""
+"""An input between samples: as at the last one, jumping at the next as a digital controller's does, or on a straight
+line, or on a cubic.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,21 +130,11 @@ class Segment:
     u: FloatArray  # known inputs, (n_inputs, n); (0, n) where there are none
     y: FloatArray  # measured outputs, (n_outputs, n); NaN where one was not measured
     x0: FloatArray  # guess of the initial state, (n_states,), or of the whole history, (n_states, n)
-    x0_std: float | FloatArray = np.inf
-    """How well the initial state is known, scalar or (n_states,): infinity leaves it free, 0 holds it at x0, anything
-    between is a Gaussian prior.
-    """
+    x0_std: float | FloatArray = np.inf  # of x0, scalar or (n_states,): infinity leaves it free, 0 holds it, a prior
     u_mid: FloatArray | None = None  # inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out
-    time_varying: tuple[TimeVaryingParameter, ...] = ()
-    """Parameters that vary along the segment as known shapes, whose weights are in theta0."""
-    ignores: frozenset[str] = frozenset()
-    """Parameters that neither function looks at in this segment, such as the biases of another record's instruments:
-    they are not differentiated by.
-    """
-    hold: Hold = "cubic"
-    """Inputs between samples: "zero" keeps the value of the last sample and jumps at the next, as a digital controller
-    does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
-    """
+    time_varying: tuple[TimeVaryingParameter, ...] = ()  # known shapes in time; their weights are in theta0
+    ignores: frozenset[str] = frozenset()  # parameters that neither function uses here: not differentiated by
+    hold: Hold = "cubic"  # inputs between samples; delayed inputs are interpolated by a cubic
 
 
 @dataclass(frozen=True)

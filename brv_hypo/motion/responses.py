@@ -136,15 +136,12 @@ class EffectResponses:
 
 @dataclass(frozen=True)
 class EffectFit:
-    """What the record says of its own errors: mean (k,) and covariance (k, k), in units of their sizes.
-
-    `known` (k,) of it is taken out already of the record that the responses belong to.
-    """
+    """What the record says of its own errors, in units of their sizes."""
 
     responses: EffectResponses
-    known: FloatArray
-    value: FloatArray
-    covariance: FloatArray
+    known: FloatArray  # of it, what is taken out already of the record that the responses belong to (k,)
+    value: FloatArray  # mean (k,)
+    covariance: FloatArray  # (k, k)
 
 
 def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -160,10 +157,7 @@ def no_responses(record: InertialRecord) -> EffectResponses:
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
-    """The flight corrected by the estimated errors.
-
-    Raises UnanswerableError where they are so large that no speed or dynamic pressure is left.
-    """
+    """The flight corrected by the estimated errors; UnanswerableError where no speed or dynamic pressure is left."""
     errors = zip(fit.responses.effects, fit.value, strict=True)
     flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
     if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:

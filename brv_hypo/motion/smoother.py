@@ -199,17 +199,13 @@ class LinearMeasurement:
 
 @dataclass(frozen=True)
 class WalkEquations:
-    """The problem once the walk is eliminated: normal equations of the globals.
-
-    `answer` (n, 2 k + 2): the walk at theta = 0 and less its change per unit of each global, real parts before
-    imaginary ones; `walk_variance` (n,) per part, given the globals; `gram` (k + 1, k + 1): inner products of residual
-    (first) and columns, whitened.
-    """
+    """The problem once the walk is eliminated: normal equations of the globals."""
 
     last: LinearMeasurement
+    # the walk at theta = 0 and less its change per unit of each global, real parts before imaginary ones (n, 2 k + 2)
     answer: FloatArray
-    walk_variance: FloatArray
-    gram: FloatArray
+    walk_variance: FloatArray  # per part, given the globals (n,)
+    gram: FloatArray  # inner products of residual (first) and columns, whitened (k + 1, k + 1)
 
     def sensitivity(self, rows: slice = slice(None)) -> ComplexArray:
         """Change of the walk per unit of each global (rows, k)."""

@@ -416,9 +416,8 @@ def _linearised(
 
 
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float = 1.0) -> SmoothedMotion:
-    """A fit with simple slopes, of the force alone where it says enough; the force's noise so many times as loud.
-
-    What these slopes lack would go to the record's errors, far beyond their tolerances.
+    """A fit with simple slopes, of the force alone where it says enough; its noise louder, as what slopes lack is in
+    it.
     """
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
