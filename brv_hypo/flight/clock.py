@@ -49,9 +49,6 @@ def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
     return scale * float(np.median(np.abs(finite))) / math.sqrt(math.comb(2 * NOISE_DIFFERENCES, NOISE_DIFFERENCES))
 
 
-# ---- Uniform time, gaps, steps of the clock ----
-
-
 CLOCK_FLANK = 6  # samples on either side of an odd interval
 # A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
 # deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.

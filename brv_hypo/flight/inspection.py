@@ -96,9 +96,6 @@ def _jerk(force: FloatArray, begin: int, before: int) -> int:
     return force.size
 
 
-# ---- What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect` ----
-
-
 @dataclass(frozen=True)
 class Noise:
     """White noise of a channel."""

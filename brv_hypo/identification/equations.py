@@ -38,9 +38,6 @@ from brv_hypo.model.term import Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, effective, windward_meridian
 
-# ---- States and inputs at some instants, and what the coefficients multiply there ----
-
-
 _REMEMBERED = 6
 T = TypeVar("T")
 
@@ -202,14 +199,10 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
     return any(not np.array_equal(terms(*kind, motion), terms(*kind, changed)) for kind in kinds)
 
 
-# ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
-
-
 FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
 FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)
-"""Errors that change the rates of alpha and of the meridian at a given state."""
+RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)  # that change the rates of alpha and of the meridian at a state
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,6 @@ from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.smoother import BENT
 
-# ---- The estimation problem: options, node records, equations, start values, priors, bounds ----
-
-
 IDENTIFIED_STEPS = 30  # of one search of `identify`, if its caller says nothing else
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
 # Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the

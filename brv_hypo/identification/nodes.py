@@ -134,9 +134,6 @@ def _quadrature_error(
     return float(np.max(np.abs(np.cumsum(error))))
 
 
-# ---- From flight records to the segments of the likelihood: block means as measurements, smooth inputs ----
-
-
 INPUTS = (
     *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
     *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),

@@ -320,8 +320,7 @@ SPEED_ERROR = "error of speed"
 RATIO_ERROR = "error of inertia ratio"
 MOMENT_SCALE_ERROR = "error of S d / I"
 FORCE_SCALE_ERROR = "error of S / m"  # the last five are shares of the measured value
-CROSSFLOW = ("change of v", "change of w")
-"""m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
+CROSSFLOW = ("change of v", "change of w")  # m/s^2, de-rolled, that it gains beyond what record and attitude say
 MOMENTS = ("change of q", "change of r")  # rad/s^2 in body axes, of moments within their tolerance
 OTHERS = (
     *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),
@@ -351,8 +350,7 @@ class Tolerated:
         return applied / self.size, found / self.size
 
 
-Histories = Mapping[str, FloatArray]
-"""By course name, (n,) over the samples of a flight; a course that it lacks is not touched."""
+Histories = Mapping[str, FloatArray]  # by course name, (n,) over a flight's samples; one that it lacks is not touched
 
 
 RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated value of a flight does

@@ -31,16 +31,13 @@ from brv_hypo.likelihood.segment import Grid, SampledParameter, Weights
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# ---- First derivatives of the user's functions ----
-
 
 @dataclass(frozen=True)
 class Differenced:
     """A function (x, u, theta, t[, delayed]) -> (m, n) whose derivatives are central differences."""
 
     function: Callable[..., Any]
-    affine: frozenset[str] = frozenset()
-    """Parameters and time-varying ones in which the function is affine, all else held: one difference is exact."""
+    affine: frozenset[str] = frozenset()  # in which the function is affine, all else held: one difference is exact
 
     def __call__(self, *arguments: Any) -> Any:
         """The function."""
@@ -56,8 +53,7 @@ _AGREEMENT = 1e-4  # largest relative difference to central differences at which
 _BLOCK_ROUNDING = 1e-8  # rounding of central differences, against the largest derivative of a block
 
 _NEXT_TO_ZERO = 1e-8  # magnitude of a start value below which it may be meant as 0
-_NEGLIGIBLE = 1e-6
-"""Magnitude of a parameter, against what moves a function by its own size, that is too small for a step."""
+_NEGLIGIBLE = 1e-6  # magnitude of a parameter, against what moves a function by its own size, too small for a step
 
 
 class Delayed(NamedTuple):

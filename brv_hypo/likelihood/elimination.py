@@ -99,8 +99,7 @@ class Eliminated:
     x: FloatArray  # change of the states, (n, n_states, 1 + p)
     multiplier: FloatArray  # of the dynamics, (n, n_states, 1 + p); row 0 is the initial state's
     triangle: FloatArray  # that of residuals and whitened process noise, constant part last, (1 + p, 1 + p)
-    void: BoolArray
-    """The parameters that the states can follow entirely, (p,): what is left of them is rounding, and set to zero."""
+    void: BoolArray  # the parameters that the states can follow entirely, (p,): only rounding is left, and set to zero
     log_det: float  # see `log_determinant`
 
     def whitened(self, sampled: slice) -> Whitened:

@@ -42,14 +42,12 @@ from brv_hypo.likelihood.gauss_newton import (
 )
 from brv_hypo.likelihood.statistics import log_determinant_of
 
-Variances = Sequence[tuple[FloatArray, FloatArray]]
-"""Process noise (n_states,) per root second, and variances of the measurement noise (n_outputs,)."""
+Variances = Sequence[tuple[FloatArray, FloatArray]]  # process noise (n_states,) and variances (n_outputs,)
 
 # ---- The determinant that integrating the states out adds, and its gradient ----
 
 
-_THETA_STEP = 1e-4
-"""Change of a parameter, in its size, for the gradient: truncation 1e-8 of the third derivative, rounding 1e-6."""
+_THETA_STEP = 1e-4  # change of a parameter, in its size, for the gradient: third derivative 1e-8, rounding 1e-6
 
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
@@ -159,8 +157,7 @@ _HALVINGS = 5
 _SCORINGS = 6  # steps on one linearisation at most
 _CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
 _VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
-_UNSEEN = 1e-10
-"""Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
+_UNSEEN = 1e-10  # singular value of scaled sensitivities, against the largest, that the data do not see
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,8 @@ from brv_hypo.likelihood.statistics import whitening
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
-
-_RANK_TOLERANCE = 1e-10
-"""Directions of the column-scaled sensitivities of less than this fraction of the largest are left at rest."""
+_RANK_TOLERANCE = 1e-10  # of the largest: directions of the column-scaled sensitivities below are left at rest
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """

@@ -140,16 +140,11 @@ def _with_error(value: float, error: float) -> str:
     return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
 
 
-# ---- The result of a search: standard errors, likelihood, innovations, warnings ----
-
-
 _LAGS = 20  # lags of the whiteness test
 TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
-_NOISE_FREE = 1e-4
-"""Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+_NOISE_FREE = 1e-4  # residual over signal (rms) below which what is left and not white is no instrument's noise
 _ROUNDING = 1e-12  # the same of rounding
-_MOST_JUDGED = 8192
-"""Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
+_MOST_JUDGED = 8192  # samples of a segment up to which the mesh is judged: longer ones would take hours on finer ones
 
 
 def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:

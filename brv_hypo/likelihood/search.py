@@ -84,21 +84,16 @@ class Status(StrEnum):
         return f"{self.cause}. {self.remedy}" if self.remedy else self.cause
 
 
-# ---- The search ----
-
-
 _FEASIBLE = 1e-7  # largest mean scaled defect of a converged trajectory
 _CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as settled
 _CONVERGED_MOVE = 0.05  # the same with process noise, in standard errors of the variances' logarithms
 _LINEAR = 0.5  # change of the objective against the promised one at which the states are where the variances want them
 _FEW, _FRACTION = 1e-4, 1e-2
 """Step, in the same, that ends them for one linearisation, or as a fraction of the step before."""
-_NOISE_STEPS = 10
-_NEAR_NOISE = 1.0
-"""Steps that bring process noise near its estimate before theta moves, and how near, in standard errors."""
-_CREEP = 0.1
-_CREEPING_STEPS = 3
-"""Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
+_NOISE_STEPS = 10  # that bring process noise near its estimate before theta moves
+_NEAR_NOISE = 1.0  # how near, in standard errors
+_CREEP = 0.1  # fraction of a step shorter than one standard error that counts as no progress
+_CREEPING_STEPS = 3  # of these in a row
 _NEAR = 0.3
 _KEPT = 2.5
 """Way, in tolerances, over which derivatives are kept: with them the search ends where residuals are orthogonal to the

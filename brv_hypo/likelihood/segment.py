@@ -113,9 +113,6 @@ def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, numbe
     return tuple(found)
 
 
-# ---- One stretch of measured record, and its time grid for collocation ----
-
-
 Hold = Literal["zero", "linear", "cubic"]
 """An input between samples: as at the last one, jumping at the next as a digital controller's does, or on a straight
 line, or on a cubic.

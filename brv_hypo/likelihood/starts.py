@@ -32,9 +32,6 @@ from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
 from brv_hypo.likelihood.statistics import least_variance, noise_from_differences
 
-# ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
-
-
 _SMOOTHING_STEPS = 2
 _TIGHTENING = (1.0, 0.3, 0.1)
 _WAITING = 1e-9  # reach of a delay while it waits, s
@@ -220,8 +217,7 @@ def bridged(
 
 _SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
 _APART = 1.0  # difference of log-likelihoods from which two ends are different optima
-_POOR_LIKELIHOOD = 3.0
-"""Mean square of residuals over that of the known noise above which a second starting point is worth its time."""
+_POOR_LIKELIHOOD = 3.0  # mean square of residuals, over the known noise, above which a second start is worth its time
 _WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
 
 
@@ -286,10 +282,8 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
 
 MOST_STEPS = 32  # steps between samples at most
 _ORDER = 4.0  # order of the collocation: how the error falls with the step
-_NEAR = 1.0
-"""Shift by the mesh, in standard errors, up to which a fit on a finer one begins where that on the coarser ended."""
-_LARGEST_RAISE = 8
-"""Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
+_NEAR = 1.0  # shift by the mesh, in standard errors, up to which a fit on a finer one begins where the coarser ended
+_LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine the error does not follow its order
 
 
 def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitResult:

@@ -21,9 +21,6 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
-# ---- Variance of the measurement noise ----
-
-
 _ROUNDING = 1e-14
 _FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
 _THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1

@@ -90,9 +90,6 @@ def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
     return np.asarray(moment * np.exp(1j * phi_w), dtype=complex)
 
 
-# ---- The motion of a vehicle ----
-
-
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
     *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),

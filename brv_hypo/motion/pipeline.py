@@ -211,9 +211,6 @@ def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
     )
 
 
-# ---- From a flight record to its wind-relative motion and moments: the entrance of this package ----
-
-
 def reconstruct(
     flight: Flight, config: ReconstructionConfig | None = None, perturbations: Sequence[Perturbation] = ()
 ) -> Reconstruction:

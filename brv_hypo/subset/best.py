@@ -34,9 +34,6 @@ from brv_hypo.subset.search import (
     seed_board,
 )
 
-# ---- What a search returns: fitted subsets, their certificate, what was set aside ----
-
-
 # Contiguous blocks of rows for the held-out error.
 HELD_OUT_BLOCKS = 5
 
@@ -66,8 +63,7 @@ class Certificate:
     nodes: int  # nodes visited
     margin: float  # relative allowance for rounding with which branches were cut
     gap: float  # the largest of `gaps`
-    gaps: tuple[float, ...]
-    """By how much, relatively, the RSS of size 1, 2, ... may still be too high; 0 where that size is proved."""
+    gaps: tuple[float, ...]  # of the RSS of size 1, 2, ...: how much, relatively, it may still be too high; 0 if proved
     seconds: float  # wall-clock time
     kernel: str  # ``numpy`` or ``numba-schur``: the last that was used
     status: str  # how it ended, in words
@@ -86,8 +82,7 @@ class SubsetResult(Tabular):
     span can be read off here; of the columns of a longer combination no subset holds all.
     """
     baseline: Subset  # the forced model alone
-    refused: tuple[Refusal, ...] = ()
-    """Columns so near to dependence that no subset holds them together either, with the reason."""
+    refused: tuple[Refusal, ...] = ()  # so near to dependence that no subset holds them together, with the reason
 
     def headline(self) -> str:
         """How many subsets, and whether they are certainly the best."""

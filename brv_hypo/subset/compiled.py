@@ -20,8 +20,6 @@ from numba import njit
 
 from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
-# ---- The state of a search, and how its loops are compiled ----
-
 # Scalars of the search, by position in ``Work.state``.
 LEVEL, NODES, HITS = 0, 1, 2
 # An argument as numpy scalar: numba would compile a function anew for every literal.

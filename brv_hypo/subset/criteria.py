@@ -92,9 +92,6 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
     return beta
 
 
-# ---- The selection criteria of Section 3.3.2 of the report, with AIC, BIC and a held-out error ----
-
-
 @dataclass(frozen=True)
 class Criteria:
     """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others; nan without degrees of

@@ -20,8 +20,6 @@ from scipy.linalg.lapack import dtrtrs
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
-# ---- Which subsets are allowed: groups of columns and parents of columns ----
-
 
 @dataclass(frozen=True)
 class Group:

@@ -26,8 +26,6 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, square_triangle, triangle
 
-# ---- The best subsets so far ----
-
 # Residual sum of squares, and the columns of X without the forced ones, ascending.
 Chosen = tuple[float, tuple[int, ...]]
 # Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
@@ -123,9 +121,6 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
         return None
     tail = factor[k:, k]
     return frame.rss_full + float(tail @ tail)
-
-
-# ---- Good subsets found quickly: forward selection ----
 
 
 def seed_board(board: Board) -> None:

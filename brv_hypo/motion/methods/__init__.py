@@ -26,9 +26,6 @@ def methods() -> dict[str, Callable[..., Any]]:
     return {"joint": found.pop("joint"), **dict(sorted(found.items()))}
 
 
-# ---- What a user may choose about a reconstruction ----
-
-
 def _known(name: str) -> str:
     known = tuple(methods())
     if name not in known:
