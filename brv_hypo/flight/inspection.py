@@ -167,10 +167,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
     warnings += filter(None, (held_or_rounded(name, time, values) for name, values in recorded.items()))
     pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
     return Inspection(
-        path=record.path,
-        title=record.title,
-        source=record.source,
-        planet=record.planet,
+        **{name: getattr(record, name) for name in ("path", "title", "source", "planet")},
         samples=int(time.size),
         start=float(time[0]),
         stop=float(time[-1]),
@@ -239,15 +236,13 @@ def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | No
         return None
     unit, new = SI[CHANNEL_DIMENSIONS[name]], find_holds(values)
     if new is not None:
-        every, step = (float(np.median(np.abs(np.diff(each[new])))) for each in (time, values))
+        rate, step = 1.0 / np.median(np.diff(time[new])), np.median(np.abs(np.diff(values[new])))
         advice = (
             "give it its own recorder and rate, or leave the repeated samples empty"
             if name in INERTIAL_CHANNELS
             else "it is interpolated between these"
         )
-        return (
-            f"{name} is held, a staircase: new values at {1.0 / every:.3g} Hz, in steps of {step:.3g} {unit}; {advice}"
-        )
+        return f"{name} is held, a staircase: new values at {rate:.3g} Hz, in steps of {step:.3g} {unit}; {advice}"
     quantum = float(np.min(np.abs(changes[moved])))
     counts = changes[moved] / quantum
     coarse = float(np.mean(changes == 0.0)) > limits.ROUNDED_REPEATS

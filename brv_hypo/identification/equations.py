@@ -162,10 +162,8 @@ class MomentModel:
     ) -> tuple[tuple[Regressor, ...], ComplexArray]:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
-        motion, *before = (
-            self._with_in_plane_moment(each, theta, columns, half, own) for each in (now, *past.values())
-        )
-        if earlier := dict(zip(past, before, strict=True)):
+        motion, *late = (self._with_in_plane_moment(each, theta, columns, half, own) for each in (now, *past.values()))
+        if earlier := dict(zip(past, late, strict=True)):
             motion = replace(motion, history=partial(earlier_motion, earlier))
         terms = evaluated(columns, self.mechanisms, motion)
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
@@ -202,7 +200,10 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
 FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)  # that change the rates of alpha and of the meridian at a state
+RATE_ERRORS = (
+    parameters.ROLL_RATE_ERROR,
+    *parameters.CROSSFLOW,
+)  # that change the rates of alpha and of the meridian at a state
 
 
 @dataclass(frozen=True)
@@ -243,9 +244,8 @@ class VehicleModel:
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
             p = here.input("p") - self._roll_rate_error(context, theta)
             force = force + parameters.lever_force(arm, omega, body_rate, p, here.input("p_rate"))
-        return real_rows(
-            omega + _pair(parameters.GYROS, context, theta), force + _pair(parameters.ACCELEROMETERS, context, theta)
-        )
+        gyros, accelerometers = (_pair(e, context, theta) for e in (parameters.GYROS, parameters.ACCELEROMETERS))
+        return real_rows(omega + gyros, force + accelerometers)
 
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns

@@ -46,6 +46,7 @@ class Differenced:
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
+Values = Mapping[str, Any]  # of parameters, by name
 
 _COMPLEX_STEP = 1e-30
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
@@ -84,7 +85,7 @@ class Jacobian(NamedTuple):
     by_delayed: dict[str, FloatArray]  # (n, m, n_states)
 
 
-def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
+def evaluate(function: Function, points: Points, theta: Values) -> FloatArray:
     """The function's value, (m, n)."""
     return np.asarray(_call(function, points.x, points, _with_time_varying(points, theta), points.delayed))
 
@@ -92,7 +93,7 @@ def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> Fl
 def jacobian(
     function: Function,
     points: Points,
-    theta: Mapping[str, float],
+    theta: Values,
     names: tuple[str, ...],
     method: Method,
     scale: Mapping[str, float],
@@ -151,20 +152,13 @@ def jacobian(
     ]
     for name, before in delayed.items():
         columns += [derivative(along_row(before.x, row), _size(points.delayed[name].x[row])) for row in range(n_states)]
-    stacked = np.stack(columns, axis=-1)
-    last = n_states + len(names)
-    by_delayed = {
-        name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
-    }
-    return Jacobian(value, stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+    ends = np.cumsum([n_states, len(names), *(n_states for _ in delayed)])
+    by_state, by_parameter, *late = np.split(np.stack(columns, axis=-1), ends[:-1], axis=2)
+    return Jacobian(value, by_state, by_parameter, dict(zip(delayed, late, strict=True)))
 
 
 def choose_method(
-    functions: tuple[Function, ...],
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    scale: Mapping[str, float],
+    functions: tuple[Function, ...], points: Points, theta: Values, names: tuple[str, ...], scale: Mapping[str, float]
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
     if any(isinstance(function, Differenced) for function in functions):
@@ -189,7 +183,7 @@ def choose_method(
 def parameter_scales(
     functions: tuple[Function, ...],
     points: Points,
-    theta: Mapping[str, float],
+    theta: Values,
     names: tuple[str, ...],
     known: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
@@ -217,7 +211,7 @@ def parameter_scales(
     return scale
 
 
-def check_shape(function: Function, points: Points, theta: Mapping[str, float], rows: int, what: str) -> None:
+def check_shape(function: Function, points: Points, theta: Values, rows: int, what: str) -> None:
     """UsageError for a function whose value has the wrong shape or is not finite at the start."""
     value = evaluate(function, points, theta)
     expected = (rows, points.t.size)
@@ -232,21 +226,19 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
         )
 
 
-def _with_time_varying(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
+def _with_time_varying(points: Points, theta: Values) -> dict[str, Any]:
     """The parameters, and the time-varying ones at their values."""
     return {varying.name: varying.at(theta) for varying in points.time_varying} | dict(theta)
 
 
-def _call(
-    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
-) -> Any:
+def _call(function: Function, x: FloatArray, points: Points, theta: Values, delayed: Mapping[str, Delayed]) -> Any:
     if delayed:
         return function(x, points.u, theta, points.t, delayed)
     return function(x, points.u, theta, points.t)
 
 
-def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
-    return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
+def _largest_size(names: Collection[str], theta: Values, scale: Mapping[str, float]) -> float:
+    return float(max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names))
 
 
 def _size(row: FloatArray) -> float:
@@ -284,9 +276,7 @@ class Linearisation:
     output_by_parameter: FloatArray  # (n, n_outputs, p)
 
 
-def evaluate_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
+def evaluate_segment(model: Model, grid: Grid, x: FloatArray, theta: Values) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
     there = _There(model, grid, x, theta)
     f, f_end = there.slopes
@@ -294,9 +284,7 @@ def evaluate_segment(
     return there.defect(f, f_mid, f_end), evaluate(model.outputs, there.at_samples, theta).T
 
 
-def linearise_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
-) -> Linearisation:
+def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, names: tuple[str, ...]) -> Linearisation:
     """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
     there = _There(model, grid, x, theta)
     jumped = x[:, 1:] if grid.jumps else x[:, :0]
@@ -324,7 +312,7 @@ class _There:
     model: Model  # the functions
     grid: Grid  # the segment
     x: FloatArray  # its states, (n_states, n)
-    theta: Mapping[str, float]  # parameters by name
+    theta: Values  # parameters by name
 
     @cached_property
     def back(self) -> Mapping[str, Weights]:
@@ -367,7 +355,7 @@ class _There:
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 
 
-def start_points(model: Model, grid: Grid, theta: Mapping[str, float]) -> Points:
+def start_points(model: Model, grid: Grid, theta: Values) -> Points:
     """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
     return _There(model, grid, x, theta).at_samples

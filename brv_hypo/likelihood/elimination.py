@@ -110,6 +110,9 @@ class Eliminated:
         return Whitened(self.problem.own, found[:, :, 0], by_parameter)
 
 
+Segments = tuple[Eliminated, ...]
+
+
 def eliminate(problem: Quadratic) -> Eliminated | None:
     """The stationary point by the factors of the whole matrix; None where the outputs leave a state undetermined."""
     n, m = problem.defect.shape

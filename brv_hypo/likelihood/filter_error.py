@@ -30,7 +30,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, log_determinant
+from brv_hypo.likelihood.elimination import Segments, log_determinant
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -70,15 +70,13 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
-def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> FloatArray:
+def determinant_gradient(problem: Problem, iterate: Iterate, segments: Segments) -> FloatArray:
     """Its derivative by theta, (p,), the states following."""
     here = [(problem.process_noise, iterate.variance)]
     return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
 
 
-def _determinant_gradients(
-    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], variances: Variances
-) -> FloatArray:
+def _determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
     """Derivatives of the determinants by theta, the states following, (k, p)."""
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
@@ -257,7 +255,7 @@ class Solved:
     linear: Sequence[Linearisation]  # the linearisation
 
     @cached_property
-    def segments(self) -> tuple[Eliminated, ...]:
+    def segments(self) -> Segments:
         """The segments, states integrated out."""
         return sensitivities(self.problem, self.iterate, self.linear)
 
@@ -319,7 +317,7 @@ class Solved:
             yield Solved(problem, iterate, self.directions, self.linear)
 
 
-def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> float:
+def _log_det_information(problem: Problem, iterate: Iterate, segments: Segments) -> float:
     """log det I(theta), priors in it, over what the data and the bounds leave free."""
     parameters = problem.parameters
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
@@ -338,9 +336,7 @@ _LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
 _POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
-def with_unknown_variances(
-    here: Solved, score: Score, segments: Sequence[Eliminated], covariance: FloatArray
-) -> FloatArray:
+def with_unknown_variances(here: Solved, score: Score, segments: Segments, covariance: FloatArray) -> FloatArray:
     """The covariance of theta (p, p), nan where it was."""
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     weight, axes = np.linalg.eigh(score.spread)
@@ -362,7 +358,7 @@ def with_unknown_variances(
 
 
 def noise_errors(
-    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Eliminated], covariance: FloatArray
+    problem: Problem, iterate: Iterate, directions: Directions, segments: Segments, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
     """Standard errors of the noises' standard deviations, from the expected Hessian, and covariance of theta (p, p).
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, Quadratic, block_rows, eliminate, upper_triangle
+from brv_hypo.likelihood.elimination import Quadratic, Segments, block_rows, eliminate, upper_triangle
 from brv_hypo.likelihood.segment import Grid, Parameters
 from brv_hypo.likelihood.statistics import whitening
 
@@ -79,15 +79,13 @@ class SingularStatesError(ArithmeticError):
 def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
     """Every segment about the iterate."""
     theta, names = problem.parameters.as_mapping(iterate.theta), problem.parameters.names
-    return tuple(
-        linearise_segment(problem.model, grid, x, theta, names)
-        for grid, x in zip(problem.grids, iterate.x, strict=True)
-    )
+    segments = zip(problem.grids, iterate.x, strict=True)
+    return tuple(linearise_segment(problem.model, grid, x, theta, names) for grid, x in segments)
 
 
 def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
-) -> tuple[Eliminated, ...]:
+) -> Segments:
     """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
 
     `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
@@ -108,7 +106,7 @@ def sensitivities(
     return tuple(found)
 
 
-def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
+def information_factor(segments: Segments, p: int) -> FloatArray:
     """Upper triangle of [J_p r] over all segments, (p + 1, p + 1), of all p parameters."""
     if len(segments) == 1:
         return segments[0].triangle
@@ -119,11 +117,7 @@ def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
 
 
 def gauss_newton_step(
-    problem: Problem,
-    iterate: Iterate,
-    segments: Sequence[Eliminated],
-    gradient: FloatArray | None = None,
-    frozen: bool = False,
+    problem: Problem, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
 ) -> Step:
     """The step that minimises the linearised problem within the bounds.
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood.collocation import Method, Points, evaluate
-from brv_hypo.likelihood.elimination import Eliminated
+from brv_hypo.likelihood.collocation import Method, Points, Values, evaluate
+from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
@@ -283,9 +283,7 @@ _PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ n
 """Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
 
 
-def mesh_shift(
-    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], covariance: FloatArray
-) -> FloatArray:
+def mesh_shift(problem: Problem, iterate: Iterate, segments: Segments, covariance: FloatArray) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
 
     `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
@@ -307,7 +305,7 @@ def mesh_shift(
     return shift
 
 
-def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Values) -> FloatArray:
     """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
     h, low, high = grid.step, x[:, :-1], x[:, 1:]
     corner = _slopes(problem, grid, {0.0: low, 1.0: high}, theta)
@@ -328,9 +326,7 @@ def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[
     return np.asarray(h * (boole - simpson))
 
 
-def _slopes(
-    problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Mapping[str, float]
-) -> dict[float, FloatArray]:
+def _slopes(problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Values) -> dict[float, FloatArray]:
     """The dynamics at states (n_states, n - 1) at fractions of every interval."""
     found = {}
     for s, x in states.items():

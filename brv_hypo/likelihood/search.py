@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
-from brv_hypo.likelihood.elimination import Eliminated
+from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
@@ -111,9 +111,6 @@ _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
 """
-
-
-Segments = tuple[Eliminated, ...]
 
 
 @dataclass(frozen=True)

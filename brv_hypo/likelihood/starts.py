@@ -105,18 +105,6 @@ def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
     return np.where(size > 0, size, 1.0)
 
 
-def delay_reach(
-    delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
-) -> FloatArray:
-    """Largest change of each parameter in one step, (p,): for a delay, half the time scale of the fastest state."""
-    rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
-    spread = np.std(np.concatenate(histories, axis=1), axis=1)
-    rms = np.sqrt(np.mean(rates**2, axis=1))
-    times = spread[rms > 0] / rms[rms > 0]
-    short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
-    return parameters.spread(dict.fromkeys(delays, short), np.inf)
-
-
 def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     """States moved between outputs and model, theta held, the dynamics loose by the process noise `loose`."""
     loosened = replace(problem, process_noise=loose)
@@ -150,7 +138,13 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
     with suppress(SingularStatesError):  # the search says so if they stay undetermined
         if any(g.start.ndim == 1 for g in problem.grids):
             iterate = smooth(problem, iterate, loose)
-        reach = delay_reach(problem.model.delays, problem.parameters, problem.grids, iterate.x)
+        # Largest step of a delay: half the time scale of the fastest state.
+        steps = zip(iterate.x, problem.grids, strict=True)
+        rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in steps], axis=1)
+        rms, spread = np.sqrt(np.mean(rates**2, axis=1)), np.std(np.concatenate(iterate.x, axis=1), axis=1)
+        times = spread[rms > 0] / rms[rms > 0]
+        short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
+        reach = problem.parameters.spread(dict.fromkeys(problem.model.delays, short), np.inf)
         problem = replace(problem, size=state_sizes(iterate.x), reach=np.minimum(problem.reach, reach))
         if not near:
             iterate = approach(problem, iterate, loose)

@@ -127,9 +127,7 @@ def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, est
     return covariance
 
 
-def _directions(
-    triangle: FloatArray, prior_std: FloatArray, parameters: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _directions(triangle: FloatArray, prior_std: FloatArray, parameters: IntArray) -> tuple[FloatArray, ...]:
     """Lengths, singular values and right singular vectors (a row each) of column-scaled sensitivities with priors."""
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, parameters]
     norm = np.linalg.norm(system, axis=0)
@@ -160,10 +158,8 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         rows = [np.where(np.isfinite(row), row, 0.0) for row in rows]
         count = sum(int(np.count_nonzero(row)) for row in rows)
         power = sum(float(row @ row) for row in rows)
-        products = [
-            sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)
-        ]
-        r = np.array(products) / power if power > 0 else np.zeros(lags)
+        sums = [sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)]
+        r = np.array(sums) / power if power > 0 else np.zeros(lags)
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
         p_value = float(gammaincc(lags / 2, statistic / 2))
         tests.append(Whiteness(p_value, int(np.argmax(np.abs(r))) + 1))

@@ -453,14 +453,13 @@ def _broken(found: Compatibility) -> Sequence[str]:
         failed.append("path" if beyond_noise > limits.COMPATIBILITY_BROKEN else "path, strained")
     if not found.informative[0] and found.informative[2] and found.left[2] > limits.COMPATIBILITY_BROKEN_ALONE:
         failed.append("gyros")
-    doubt, (least, most) = limits.COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN
-    if found.axial + doubt < least or found.axial - doubt > most:
-        failed.append("axial")
-    for name, value, (low, high) in (
-        ("pressure", found.pressure, limits.COMPATIBILITY_PRESSURE_WITHIN),
-        ("slope", found.normal_slope, limits.COMPATIBILITY_NORMAL_WITHIN),
+    for name, value, sigma, (low, high) in (
+        ("axial", found.axial, found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN),
+        ("pressure", found.pressure, 0.0, limits.COMPATIBILITY_PRESSURE_WITHIN),
+        ("slope", found.normal_slope, 0.0, limits.COMPATIBILITY_NORMAL_WITHIN),
     ):
-        if value is not None and not low < value < high:
+        doubt = limits.COMPATIBILITY_AXIAL_SIGMAS * sigma
+        if value is not None and not low - doubt < value < high + doubt:
             failed.append(name)
     return failed
 

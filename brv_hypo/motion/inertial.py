@@ -302,10 +302,8 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     second = np.cross(third, first)
     both = first + direction
     size = 1.0 + direction @ first
-    return (
-        second - ((direction @ second) / size)[:, None] * both,
-        third - ((direction @ third) / size)[:, None] * both,
-    )
+    second, third = (axis - ((direction @ axis) / size)[:, None] * both for axis in (second, third))
+    return second, third
 
 
 def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:

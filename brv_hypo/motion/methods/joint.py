@@ -209,9 +209,8 @@ class RandomWalkSmoother:
                 raise UnanswerableError(_RAN_AWAY)
             share, last = share if last is None else relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
-            start = _moved(
-                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:GRAVITY_PARTS]
-            )
+            gravity = share * solution.theta[:GRAVITY_PARTS]
+            start = _moved(start, axes, share * solution.walk[0] / self.speed[0], gravity)
             ends = np.cumsum([values.size for values in coefficients])[:-1]
             steps = np.split(share * solution.theta[self.shared :], ends)
             coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
