@@ -20,7 +20,6 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.parameters import (
-    RecordErrors,
     Tolerated,
     error_histories,
     input_error,
@@ -214,82 +213,60 @@ def node_records(
     noise-free flight.
     """
     noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
-    expected = [fitted(number, flight) for number, flight in enumerate(noise_free)]
-    errors = record_errors(frame, expected, inputs, frozenset(column.mechanism for column in columns))
-    shapes = frame.moments(
-        [replace(column, time_basis=TimeBasis("constant")) for column in columns if has_knot(column)]
-    )
+    quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]
+    errors = record_errors(frame, quiet, inputs, frozenset(column.mechanism for column in columns))
+    constant = TimeBasis("constant")
+    shapes = frame.moments([replace(column, time_basis=constant) for column in columns if has_knot(column)])
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-        count = (b - a) // size
-        if count >= IDENTIFIED_FEWEST_NODES:
-            local = np.arange(count * size).reshape(count, size)
-            meridian = Meridian(derolled_crossflow(frame, part), delays)
-            knots = knots_of(columns, frame.own_time(part.flight))
-            flight = expected[part.flight], errors[part.flight], inputs[part.flight]
-            found.append(_node_record(frame, part, *flight, shapes[a:b], local, len(found), knots, meridian))
+        count, own = (b - a) // size, frame.own_time(part.flight)
+        if count < IDENTIFIED_FEWEST_NODES:
+            continue
+        flight, motion = frame.reconstructions[part.flight].flight, frame.motions[part.flight]
+        local = np.arange(count * size).reshape(count, size)
+        middle, samples = local[:, size // 2], slice(part.rows.start, part.rows.start + local.size)
+        time, turn = flight.time[samples], np.exp(1j * inputs[part.flight].roll[samples])
+        expected = _transverse(quiet[part.flight])[:, samples] * turn
+        measured = _transverse(flight)[:, samples] * turn
+        nodes = Meridian(derolled_crossflow(frame, part), delays).with_nodes_between(time[middle])
+        halfway = 0.5 * (nodes[1:] + nodes[:-1])
+        acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
+        slopes = CubicSpline(time[middle], shapes[a:b][middle] * acceleration[:, None])
+        table = _input_table(flight, motion, inputs[part.flight], samples, local, len(found))
+        at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
+        between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
+        xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
+        state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
+        mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
+        outputs = np.full((4, nodes.size), np.nan)
+        outputs[:, np.searchsorted(nodes, time[middle])] = real_rows(*mean * np.conj(turn[middle]))
+        block = flight.step * size
+        for knot in knots_of(columns, own) if size > 1 else ():
+            outputs[:, np.abs(nodes - knot) < block] = np.nan
+        smoothed = (input_error(error, part.flight) for error in inputs[part.flight].errors)
+        courses = error_histories(errors[part.flight], part.flight, time, samples, turn, local)
+        record = NodeRecord(
+            context=Context(
+                flight=part.flight,
+                vehicle=flight.vehicle,
+                start=float(nodes[0]),
+                meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
+                block=block,
+                own=own,
+            ),
+            segment=Segment(
+                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *courses)
+            ),
+            time=time,
+            turn=turn,
+            measured=measured,
+            expected=expected,
+            middle=np.clip(np.searchsorted(time, nodes), 0, time.size - 1),
+            samples=samples,
+            tolerated=tuple(errors[part.flight]),
+        )
+        found.append(record)
     return tuple(found)
-
-
-def _node_record(
-    frame: RateFrame,
-    part: WeakSegment,
-    noise_free: Flight,
-    errors: RecordErrors,
-    inputs: SmoothInputs,
-    shapes: ComplexArray,
-    local: IntArray,
-    number: int,
-    knots: Sequence[float],
-    meridian: Meridian,
-) -> NodeRecord:
-    reconstruction = frame.reconstructions[part.flight]
-    flight, motion = reconstruction.flight, frame.motions[part.flight]
-    samples = slice(part.rows.start, part.rows.start + local.size)
-    turn = np.exp(1j * inputs.roll[samples])
-    xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
-    expected = _transverse(noise_free)[:, samples] * turn
-    measured = _transverse(flight)[:, samples] * turn
-    middle = local[:, local.shape[1] // 2]
-    time = flight.time[samples]
-    nodes = meridian.with_nodes_between(time[middle])
-    measuring = np.searchsorted(nodes, time[middle])
-    halfway = 0.5 * (nodes[1:] + nodes[:-1])
-    acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
-    slopes = CubicSpline(time[middle], shapes[middle] * acceleration[:, None])
-    table = _input_table(flight, motion, inputs, samples, local, number)
-    at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
-    between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
-    state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
-    context = Context(
-        flight=part.flight,
-        vehicle=flight.vehicle,
-        start=float(nodes[0]),
-        meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
-        block=flight.step * local.shape[1],
-        own=frame.own_time(part.flight),
-    )
-    mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
-    outputs = np.full((4, nodes.size), np.nan)
-    outputs[:, measuring] = real_rows(*mean * np.conj(turn[middle]))
-    if local.shape[1] > 1:
-        for knot in knots:
-            outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    smoothed = (input_error(error, part.flight) for error in inputs.errors)
-    time_varying = (*smoothed, *error_histories(errors, part.flight, time, samples, turn, local))
-    segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=time_varying)
-    nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
-    return NodeRecord(
-        context=context,
-        segment=segment,
-        time=time,
-        turn=turn,
-        measured=measured,
-        expected=expected,
-        middle=nearest,
-        samples=samples,
-        tolerated=tuple(errors),
-    )
 
 
 def _transverse(flight: Flight) -> ComplexArray:

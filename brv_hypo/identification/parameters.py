@@ -113,7 +113,7 @@ def structure_of(
     mechanisms: Mapping[str, Mechanism],
     start: float,
     stop: float,
-    delays: Sequence[float] = (),
+    delays: Sequence[float],
 ) -> Structure:
     """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside.
 

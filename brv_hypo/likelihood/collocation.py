@@ -91,12 +91,7 @@ def evaluate(function: Function, points: Points, theta: Values) -> FloatArray:
 
 
 def jacobian(
-    function: Function,
-    points: Points,
-    theta: Values,
-    names: tuple[str, ...],
-    method: Method,
-    scale: Mapping[str, float],
+    function: Function, points: Points, theta: Values, names: tuple[str, ...], method: Method, scale: Values
 ) -> Jacobian:
     """Value and derivatives at all points by the named parameters, of sizes `scale`; weights through what they vary."""
     n_states = points.x.shape[0]
@@ -181,11 +176,7 @@ def choose_method(
 
 
 def parameter_scales(
-    functions: tuple[Function, ...],
-    points: Points,
-    theta: Values,
-    names: tuple[str, ...],
-    known: Mapping[str, float] | None = None,
+    functions: tuple[Function, ...], points: Points, theta: Values, names: tuple[str, ...], known: Values | None = None
 ) -> dict[str, float]:
     """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 

@@ -210,20 +210,15 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
 
 
 def _covariances(
-    problem: Problem,
-    rows: Sequence[Whitened],
-    triangle: FloatArray,
-    samples: int,
-    estimated: IntArray,
-    options: Options,
+    problem: Problem, rows: Sequence[Whitened], triangle: FloatArray, samples: int, free: IntArray, options: Options
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
 
     Both make up for what the fit took out of the residuals' variance, where the noise was estimated from them.
     """
     parameters = problem.parameters
-    raw = covariance_from_information(triangle, parameters.prior_std, estimated)
-    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+    raw = covariance_from_information(triangle, parameters.prior_std, free)
+    unknowns = len(free) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
     white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))

@@ -244,8 +244,8 @@ def best_subsets(
     max_terms: int = 10,
     forced: Sequence[int] = (0,),
     n_best: int = 1,
-    groups: Groups | None = None,
-    parents: Parents | None = None,
+    groups: Groups = None,
+    parents: Parents = None,
     weights: ArrayLike | None = None,
     time_limit_s: float | None = None,
     threads: int = 1,
@@ -302,7 +302,7 @@ def best_columns(
     max_terms: int = 10,
     forced: Sequence[int] = (0,),
     n_best: int = 1,
-    groups: Groups | None = None,
+    groups: Groups = None,
 ) -> tuple[Chosen, ...]:
     """The subsets of ``best_subsets``, proved like them but not fitted: residual sums of squares and columns alone."""
     board = _seeded(build_frame(X, y, forced, None, groups, None), max_terms, n_best)

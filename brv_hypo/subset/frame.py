@@ -39,8 +39,8 @@ def at_most_one(*columns: int) -> Group:
     return Group(tuple(columns), "at_most_one")
 
 
-Groups = Sequence[Group | Sequence[int]]
-Parents = Mapping[int, int | Sequence[int]]
+Groups = Sequence[Group | Sequence[int]] | None
+Parents = Mapping[int, int | Sequence[int]] | None
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Constraints:
         return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
 
 
-def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[int]:
+def constrained_columns(groups: Groups, parents: Parents) -> set[int]:
     """Every column that a rule names."""
     named = {column for group in _normalised(groups) for column in group.columns}
     for child, own in (parents or {}).items():
@@ -85,7 +85,7 @@ def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[i
 
 
 def build_constraints(
-    candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups | None, parents: Parents | None
+    candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups, parents: Parents
 ) -> Constraints:
     """Translate rules on columns of X into rules on candidates.
 
@@ -127,7 +127,7 @@ def build_constraints(
     return Constraints(reach, clash, possible)
 
 
-def _normalised(groups: Groups | None) -> list[Group]:
+def _normalised(groups: Groups) -> list[Group]:
     return [g if isinstance(g, Group) else together(*g) for g in groups or ()]
 
 
@@ -220,12 +220,7 @@ class Frame:
 
 
 def build_frame(
-    X: ArrayLike,
-    y: ArrayLike,
-    forced: Sequence[int],
-    weights: ArrayLike | None,
-    groups: Groups | None,
-    parents: Parents | None,
+    X: ArrayLike, y: ArrayLike, forced: Sequence[int], weights: ArrayLike | None, groups: Groups, parents: Parents
 ) -> Frame:
     """Check the input and reduce it to a triangular problem; UsageError for what is unfit."""
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)

@@ -90,6 +90,7 @@ _RAN_AWAY = (
 )
 
 
+Measurements = tuple[MeasurementModel, ...]  # the normal force, and the static moment where that is too little
 StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) from which a fit may begin
 
 
@@ -97,8 +98,7 @@ StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) f
 class SmoothedMotion:
     """A converged fit."""
 
-    # what was fitted: the normal force, and the static moment where that is too little
-    measurements: tuple[MeasurementModel, ...]
+    measurements: Measurements  # what was fitted
     start: WindStart  # where the nominal motion starts
     coefficients: tuple[FloatArray, ...]  # those of each measurement (unknowns,)
     crossflow: ComplexArray  # (n,)
@@ -156,7 +156,7 @@ class RandomWalkSmoother:
         self.step_variance = _step_variance(record)
         self.nose_start = start_from_nose(record)
 
-    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
+    def solve(self, measurements: Measurements, near: StartingPoint | None = None) -> SmoothedMotion:
         """Fit from a motion that is near; without one from the nose's mean, or better.
 
         The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
@@ -185,7 +185,7 @@ class RandomWalkSmoother:
         return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
 
     def _iterate(
-        self, measurements: tuple[MeasurementModel, ...], start: WindStart, crossflow: ComplexArray | None = None
+        self, measurements: Measurements, start: WindStart, crossflow: ComplexArray | None = None
     ) -> SmoothedMotion:
         """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
         if crossflow is None:
@@ -447,9 +447,7 @@ def _with_force(
     return problem.solve((replace(fit.measurements[-1], sigma=sigma),), fit.near)
 
 
-def _with_moment(
-    problem: RandomWalkSmoother, others: tuple[MeasurementModel, ...], measurement: MeasurementModel
-) -> SmoothedMotion:
+def _with_moment(problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel) -> SmoothedMotion:
     """Fit by the static moment too, its noise set so that anomalies count for what they are: not white."""
     measurement = measurement.with_slope_count(problem.record.time, MOMENT_SLOPE_COUNT)
     measurement = _with_anomalies(measurement)
@@ -468,10 +466,7 @@ def _with_anomalies(moment: MeasurementModel) -> MeasurementModel:
 
 
 def _choose_slope(
-    problem: RandomWalkSmoother,
-    others: tuple[MeasurementModel, ...],
-    measurement: MeasurementModel,
-    near: StartingPoint | None,
+    problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel, near: StartingPoint | None
 ) -> SmoothedMotion:
     """The slope's basis in time, and whether it bends, by the Bayesian information criterion.
 
