@@ -39,6 +39,10 @@ SPIKE_NEIGHBOURS = 4  # samples on either side
 SPIKE_PASSES = 4  # as spikes hide each other
 BURST_FLANK = 8  # samples on either side, through which a polynomial goes
 BURST_ORDER = 5  # its degree
+EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one
+STOP_AT_ZERO = ("velocity", "dynamic_pressure")
+TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
+MOST_NAMED = 5
 
 
 def find_holds(values: FloatArray) -> IntArray | None:
@@ -152,9 +156,6 @@ def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
     begins = max(share, repeated / size)
     goes_on = max(begins, (repeated - (others.size - 1) + begins) / (repeated + 1))
     return float(size * begins * goes_on ** (length - 1))
-
-
-EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one
 
 
 def find_bursts(values: FloatArray) -> BoolArray:
@@ -284,11 +285,6 @@ def _cubic_weights(length: int) -> FloatArray:
 
 
 # ---- What a trial of the record finds, and the faults of single channels that it masks ----
-
-
-STOP_AT_ZERO = ("velocity", "dynamic_pressure")
-TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
-MOST_NAMED = 5
 
 
 def mask_faults(

@@ -33,6 +33,18 @@ NOISE_DIFFERENCES = 8
 
 MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh
+CLOCK_FLANK = 6  # samples on either side of an odd interval
+# A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
+# deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
+JUMP_FLANK = 8
+JUMP_AROUND = 5
+# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
+CROSSED_CYCLES = 1.0 / 8.0
+CROSSED_FLANK = 8  # samples on either side at least
+CROSSED_ORDER = 5  # of the polynomial
+TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
+TREND = 3  # degree of the polynomial through a rate that is no motion
+ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
 
 
 def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
@@ -47,17 +59,6 @@ def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
         return float("nan")
     scale = MEDIAN_LENGTH_TO_SIGMA if np.iscomplexobj(finite) else MAD_TO_SIGMA
     return scale * float(np.median(np.abs(finite))) / math.sqrt(math.comb(2 * NOISE_DIFFERENCES, NOISE_DIFFERENCES))
-
-
-CLOCK_FLANK = 6  # samples on either side of an odd interval
-# A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
-# deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
-JUMP_FLANK = 8
-JUMP_AROUND = 5
-# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
-CROSSED_CYCLES = 1.0 / 8.0
-CROSSED_FLANK = 8  # samples on either side at least
-CROSSED_ORDER = 5  # of the polynomial
 
 
 def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[FloatArray, Channels, tuple[str, ...]]:
@@ -196,11 +197,6 @@ def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise:
             peak = spectrum.max() ** 2 > times_noise * np.median(spectrum**2)
             frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if peak else 0.0)
     return max(frequencies)
-
-
-TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
-TREND = 3  # degree of the polynomial through a rate that is no motion
-ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
 
 
 def less_trend(rate: FloatArray) -> FloatArray:

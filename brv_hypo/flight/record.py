@@ -45,6 +45,8 @@ Channels = dict[str, FloatArray]
 Line = Annotated[str, AfterValidator(one_line)]
 Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+write_with: list[Callable[..., None]] = []
+"""What `Flight.save` writes with: the format, which is made of flights, enters itself."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +109,6 @@ class RecordTrial:
 
     sound: bool = True
     faults: tuple[RecordFault, ...] = ()
-
-
-write_with: list[Callable[..., None]] = []
-"""What `Flight.save` writes with: the format, which is made of flights, enters itself."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

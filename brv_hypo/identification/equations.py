@@ -40,6 +40,15 @@ from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, effecti
 
 _REMEMBERED = 6
 T = TypeVar("T")
+FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
+FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
+FORCES = (*FORCE_DRIFT, FORCE_BEND)
+RATE_ERRORS = (
+    parameters.ROLL_RATE_ERROR,
+    *parameters.CROSSFLOW,
+)  # that change the rates of alpha and of the meridian at a state
+Values = Mapping[str, float]
+AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
 
 
 @dataclass(frozen=True)
@@ -121,10 +130,6 @@ class Shapes:
         return out
 
 
-Values = Mapping[str, float]
-AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
-
-
 def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
     """The motion `delay` s earlier, of those at the delays of the structure; UsageError for any other."""
     near = min(motions, key=lambda known: abs(known - delay), default=None)
@@ -195,15 +200,6 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 
     kinds = {(column.mechanism, column.theta) for column in columns}
     return any(not np.array_equal(terms(*kind, motion), terms(*kind, changed)) for kind in kinds)
-
-
-FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
-FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
-FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (
-    parameters.ROLL_RATE_ERROR,
-    *parameters.CROSSFLOW,
-)  # that change the rates of alpha and of the meridian at a state
 
 
 @dataclass(frozen=True)

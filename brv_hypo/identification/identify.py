@@ -38,6 +38,23 @@ IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and
 IDENTIFIED_KNOT_REACH = 3.0
 
 _ROUNDING = 1e-9
+# Change of any estimate, in standard errors, that one step with other corrections of the block means makes, from which
+# the fit is repeated; rounds of that.
+IDENTIFIED_STALE = 0.1
+IDENTIFIED_ROUNDS = 6
+IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
+# Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several minima;
+# steps with the knots held then: the first takes up what is linear, errors of the record above all.
+IDENTIFIED_POOR_START = 2.0
+IDENTIFIED_FIRST_STEPS = 2
+IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
+IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
+
+
+_REMEDY = (
+    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
+)
+_HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 
 @dataclass(frozen=True)
@@ -251,25 +268,6 @@ class Identification:
 
 
 # ---- The fit ----
-
-
-# Change of any estimate, in standard errors, that one step with other corrections of the block means makes, from which
-# the fit is repeated; rounds of that.
-IDENTIFIED_STALE = 0.1
-IDENTIFIED_ROUNDS = 6
-IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
-# Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several minima;
-# steps with the knots held then: the first takes up what is linear, errors of the record above all.
-IDENTIFIED_POOR_START = 2.0
-IDENTIFIED_FIRST_STEPS = 2
-IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
-IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
-
-
-_REMEDY = (
-    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
-)
-_HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 
 def identify(

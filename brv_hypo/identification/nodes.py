@@ -41,6 +41,14 @@ IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node
 IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost
 IDENTIFIED_PARTS = 16  # of what is between two nodes, at most
 IDENTIFIED_TURN = 0.5  # rad that the meridian, or its rate times a delay, may turn by between two nodes
+INPUTS = (
+    *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
+    *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),
+)
+ROW = {name: row for row, name in enumerate(INPUTS)}
+SLOPES = len(INPUTS)
+"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular
+acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
 
 
 def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> int:
@@ -131,16 +139,6 @@ def _quadrature_error(
     for knot in knots:
         error[(nodes[:-1] - step <= knot) & (knot <= nodes[1:] + step)] = 0.0
     return float(np.max(np.abs(np.cumsum(error))))
-
-
-INPUTS = (
-    *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
-    *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),
-)
-ROW = {name: row for row, name in enumerate(INPUTS)}
-SLOPES = len(INPUTS)
-"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular
-acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
 
 
 @dataclass(frozen=True)

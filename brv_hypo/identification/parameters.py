@@ -50,6 +50,7 @@ from brv_hypo.motion.motion import crossflow, effective
 from brv_hypo.motion.signals import InputError
 
 Kind = Literal["theta", "start", "stop"]
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -200,9 +201,6 @@ def _moved(column: Regressor, parameter: NonlinearParameter, value: float) -> Re
         return replace(column, theta=theta)
     knot: dict[str, Any] = {parameter.kind: parameter.origin + value}
     return replace(column, time_basis=replace(column.time_basis, **knot))
-
-
-_ROUNDING = 1e-9
 
 
 def placed(

@@ -48,6 +48,17 @@ Variances = Sequence[tuple[FloatArray, FloatArray]]  # process noise (n_states,)
 
 
 _THETA_STEP = 1e-4  # change of a parameter, in its size, for the gradient: third derivative 1e-8, rounding 1e-6
+_DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
+_SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
+_ROUNDING = 1e-4  # information on the logarithm of a variance that is no more than rounding: only its gradient is used
+_LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
+_HALVINGS = 5
+_SCORINGS = 6  # steps on one linearisation at most
+_CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
+_VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
+_UNSEEN = 1e-10  # singular value of scaled sensitivities, against the largest, that the data do not see
+_LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
+_POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
@@ -145,17 +156,6 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 
 
 # ---- Noise variances: Fisher scoring of all variances together ----
-
-
-_DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
-_SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
-_ROUNDING = 1e-4  # information on the logarithm of a variance that is no more than rounding: only its gradient is used
-_LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
-_HALVINGS = 5
-_SCORINGS = 6  # steps on one linearisation at most
-_CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
-_VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
-_UNSEEN = 1e-10  # singular value of scaled sensitivities, against the largest, that the data do not see
 
 
 @dataclass(frozen=True)
@@ -330,10 +330,6 @@ def _log_det_information(problem: Problem, iterate: Iterate, segments: Segments)
     unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
     found = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
     return float(found + np.linalg.slogdet(unseen @ unseen.T)[1])
-
-
-_LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
-_POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
 def with_unknown_variances(here: Solved, score: Score, segments: Segments, covariance: FloatArray) -> FloatArray:

@@ -17,6 +17,8 @@ from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.progress import Progress, report_to, silent
 
+_LONGEST = 100_000  # samples up to which a second starting point is tried
+
 
 def fit(
     dynamics: Function,
@@ -227,9 +229,6 @@ class _Task:
         scale = parameter_scales(functions, starts[0], theta, parameters.names, priors)
         method = choose_method(functions, starts[0], theta, parameters.names, scale)
         return replace(model, method=method, scale=scale)
-
-
-_LONGEST = 100_000  # samples up to which a second starting point is tried
 
 
 def _variance(given: FloatArray, n_outputs: int) -> FloatArray:

@@ -30,6 +30,8 @@ _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
 _ANCHOR = 10.0  # standard deviation, in sizes of the state, by which an anchored initial state may move in one step
+_HALVINGS = 12
+_SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 
 
 @dataclass(frozen=True)
@@ -253,10 +255,6 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
     change[held] = lsq_linear(rest[:, 1:], rest[:, 0], bounds, method="bvls").x
     change[~held] = follow @ np.append(1.0, -change[held])
     return np.asarray(change / norm)
-
-
-_HALVINGS = 12
-_SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 
 
 def line_search(

@@ -35,6 +35,12 @@ from brv_hypo.likelihood.statistics import (
 )
 from brv_hypo.results import Row, Tabular
 
+_LAGS = 20  # lags of the whiteness test
+TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
+_NOISE_FREE = 1e-4  # residual over signal (rms) below which what is left and not white is no instrument's noise
+_ROUNDING = 1e-12  # the same of rounding
+_MOST_JUDGED = 8192  # samples of a segment up to which the mesh is judged: longer ones would take hours on finer ones
+
 
 @dataclass(frozen=True)
 class StartingPoint:
@@ -138,13 +144,6 @@ class FitResult(Tabular):
 
 def _with_error(value: float, error: float) -> str:
     return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
-
-
-_LAGS = 20  # lags of the whiteness test
-TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
-_NOISE_FREE = 1e-4  # residual over signal (rms) below which what is left and not white is no instrument's noise
-_ROUNDING = 1e-12  # the same of rounding
-_MOST_JUDGED = 8192  # samples of a segment up to which the mesh is judged: longer ones would take hours on finer ones
 
 
 def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:

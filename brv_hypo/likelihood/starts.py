@@ -38,6 +38,16 @@ _WAITING = 1e-9  # reach of a delay while it waits, s
 _LEAST_LOOSENESS = 1e-2  # least change of a state between samples that smoothing grants it, as a fraction of its size
 _POOR = 3.0  # mean square of whitened residuals above which a starting point fits so poorly that another is tried
 _FAR_LESS = 0.5  # violation of the dynamics, against that of the start values, at which 0 is the better start
+_LONG = 8  # times the usual distance of measured samples from which a gap is bridged
+_LEAST = 2 * WIDTH  # samples of a stretch at least
+_SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
+_APART = 1.0  # difference of log-likelihoods from which two ends are different optima
+_POOR_LIKELIHOOD = 3.0  # mean square of residuals, over the known noise, above which a second start is worth its time
+_WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
+MOST_STEPS = 32  # steps between samples at most
+_ORDER = 4.0  # order of the collocation: how the error falls with the step
+_NEAR = 1.0  # shift by the mesh, in standard errors, up to which a fit on a finer one begins where the coarser ended
+_LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine the error does not follow its order
 
 
 def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
@@ -154,10 +164,6 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
 # ---- Long gaps, in which nothing was measured: fitted around first, then across ----
 
 
-_LONG = 8  # times the usual distance of measured samples from which a gap is bridged
-_LEAST = 2 * WIDTH  # samples of a stretch at least
-
-
 def stretches(segments: Sequence[Segment]) -> list[list[slice]]:
     """What lies between long gaps, by segment, from a measured sample to a measured one; empty without such gaps."""
     found, gaps = [], 0
@@ -207,12 +213,6 @@ def bridged(
 
 
 # ---- Several starting points of one fit: a model that is not quite right has more than one optimum ----
-
-
-_SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
-_APART = 1.0  # difference of log-likelihoods from which two ends are different optima
-_POOR_LIKELIHOOD = 3.0  # mean square of residuals, over the known noise, above which a second start is worth its time
-_WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
 
 
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
@@ -272,12 +272,6 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
             "has several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, starting_points=starting_points)
-
-
-MOST_STEPS = 32  # steps between samples at most
-_ORDER = 4.0  # order of the collocation: how the error falls with the step
-_NEAR = 1.0  # shift by the mesh, in standard errors, up to which a fit on a finer one begins where the coarser ended
-_LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine the error does not follow its order
 
 
 def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitResult:

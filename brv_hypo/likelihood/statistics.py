@@ -24,6 +24,14 @@ from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 _ROUNDING = 1e-14
 _FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
 _THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1
+_NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
+_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
+_TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
+_NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
+_HIGHEST_ORDER = 20
+_LEAST_SAMPLES_PER_ORDER = 10
+_LEAST_POLYNOMIAL = 1e-6
+_LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
 def whitening(variance: FloatArray, measured: BoolArray) -> FloatArray:
@@ -67,12 +75,6 @@ def least_variance(y: FloatArray) -> FloatArray:
 
 
 # ---- How well the parameters are known: covariance, near-null directions, whiteness ----
-
-
-_NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
-_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
-_TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
-_NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,6 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
 
 
 # ---- Errors corrected for coloured residuals ----
-
-
-_HIGHEST_ORDER = 20
-_LEAST_SAMPLES_PER_ORDER = 10
-_LEAST_POLYNOMIAL = 1e-6
-_LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
 class Whitened(NamedTuple):

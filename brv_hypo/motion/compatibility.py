@@ -78,6 +78,12 @@ _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
     ("air data", (("altitude",),), 1.0 / plausibility.FEET, "m tagged ft", "ft tagged m"),
     ("air data", (("velocity", "altitude"),), 1.0 / plausibility.FEET, "metres tagged feet", "feet tagged metres"),
 )
+MOST_OTHERS = 2  # corrections named beside the best
+UNRELATED_WORDS = (
+    "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
+    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
+    "or controls may do it too (--start, --stop)"
+)
 
 
 @dataclass(frozen=True)
@@ -362,14 +368,6 @@ def _of_ratio(ratio: float | None, spread: float) -> float:
 
 
 # ---- The trial of a record, before anything is fitted to it: `try_record` ----
-
-
-MOST_OTHERS = 2  # corrections named beside the best
-UNRELATED_WORDS = (
-    "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
-    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
-    "or controls may do it too (--start, --stop)"
-)
 
 
 def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:

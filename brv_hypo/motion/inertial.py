@@ -30,6 +30,13 @@ from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
+# Surface gravity m/s^2 and mean radius m.
+_PLANETS = {
+    "earth": (9.80665, 6.371e6),
+    "mars": (3.721, 3.3895e6),
+    "venus": (8.87, 6.0518e6),
+    "titan": (1.352, 2.5747e6),
+}
 
 
 @dataclass(frozen=True)
@@ -221,15 +228,6 @@ def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
 
 
 # ---- The velocity from a start, by forces and gravity ----
-
-
-# Surface gravity m/s^2 and mean radius m.
-_PLANETS = {
-    "earth": (9.80665, 6.371e6),
-    "mars": (3.721, 3.3895e6),
-    "venus": (8.87, 6.0518e6),
-    "titan": (1.352, 2.5747e6),
-}
 
 
 @dataclass(frozen=True)

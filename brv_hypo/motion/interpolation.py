@@ -22,8 +22,13 @@ from brv_hypo.arrays import FloatArray, IntArray, Values
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 
 
-# Samples from which splines have no knot at the second and the last but one.
-_FEWEST = 4
+_FEWEST = 4  # samples from which splines have no knot at the second and the last but one
+NEAREST = 6  # nodes that a place lies between: degree 5
+_MOST_KEPT = 20_000  # samples up to which all are kept
+# Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
+# like. They follow by extrapolation over an eighth of the spacing at most.
+_END = 4
+_BLOCK = 20_000  # samples of many columns that are held at once
 
 
 @dataclass(frozen=True)
@@ -115,9 +120,6 @@ def running_integral(time: FloatArray, values: Values) -> Values:
     return grid.integrals(flat, grid.slopes(flat)).reshape(values.shape)
 
 
-NEAREST = 6  # nodes that a place lies between: degree 5
-
-
 def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
     """Weights (places, nodes) of the values at ascending `nodes` (m,) that make those at `places` (n,)."""
     width = min(NEAREST, nodes.size)
@@ -163,15 +165,6 @@ class Quadrature:
 
 
 # ---- What is as slow as the motion, kept on as many samples as the motion needs ----
-
-
-# Samples up to which all are kept.
-_MOST_KEPT = 20_000
-# Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
-# like. They follow by extrapolation over an eighth of the spacing at most.
-_END = 4
-# Samples of many columns that are held at once.
-_BLOCK = 20_000
 
 
 def blocks(samples: int) -> list[slice]:

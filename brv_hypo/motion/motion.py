@@ -43,6 +43,11 @@ NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zer
 
 # Below this crossflow (rad) the meridian rate is damped towards zero: it is undefined at alpha = 0.
 CROSSFLOW_FLOOR = 1e-6
+SMOOTH = (
+    *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
+    *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
+)
+"""Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
 
 
 def angle_of_attack(crossflow: ComplexArray) -> FloatArray:
@@ -88,13 +93,6 @@ def body_from_plane(in_plane: FloatArray, out_of_plane: FloatArray, phi_w: Float
 def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
     """C_N' + i C_Z' from C_m + i C_n: the inverse of `body_from_plane`."""
     return np.asarray(moment * np.exp(1j * phi_w), dtype=complex)
-
-
-SMOOTH = (
-    *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
-    *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
-)
-"""Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors 
 
 
 Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
+AT_ONCE = 60_000  # samples of perturbed records that are held at once, some 200 bytes each
+MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)
@@ -110,11 +112,6 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 
 
 # ---- Linear responses, and what the record says of its errors ----
-
-
-# Samples of perturbed records that are held at once, some 200 bytes each.
-AT_ONCE = 60_000
-MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,9 @@ SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density v
 SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
 SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
 SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
+_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
+_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
+_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
 
 
 def rms(values: FloatArray | ComplexArray) -> float:
@@ -285,11 +288,6 @@ def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma:
 
 
 # ---- Cubic smoothing splines, and what they leave of the noise as a few independent shapes in time ----
-
-
-_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
-_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
-_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
 
 
 @dataclass(frozen=True)

@@ -37,11 +37,11 @@ BENT = 0.2
 # Samples at the ends of a segment that are not used: what a late clock makes of them is outside the record.
 SEGMENT_ENDS = 4
 LARGEST_LOCAL_SCALING = 4.0  # of an observation that hardly changes along the crossflow: it says little there
-# Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
-_RIDGE = 1e-11
+_RIDGE = 1e-11  # keeps unknowns that the data do not see from making the normal equations singular; they stay at zero
 # All steps together vary by this share at least of the variance that the measurements leave of one level, which changes
 # no answer: steps without noise, of rates that were computed, make the information singular in double precision.
 _LEAST_STEP_VARIANCE = 1e-4
+Columns = Callable[[slice], ComplexArray]  # makes rows of columns (n, k), which need not all exist at once
 
 
 @dataclass(frozen=True)
@@ -182,9 +182,6 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
 
 
 # ---- The random walk, and the globals that measurements share ----
-
-
-Columns = Callable[[slice], ComplexArray]  # makes rows of columns (n, k), which need not all exist at once
 
 
 @dataclass(frozen=True)

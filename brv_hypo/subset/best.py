@@ -34,8 +34,11 @@ from brv_hypo.subset.search import (
     seed_board,
 )
 
-# Contiguous blocks of rows for the held-out error.
-HELD_OUT_BLOCKS = 5
+HELD_OUT_BLOCKS = 5  # contiguous blocks of rows for the held-out error
+SCHUR_CONDITION = 2e5  # scaled condition number above which Schur complements lose too many digits
+# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
+COMPILING_NODES = 8000
+COMPILE_ALLOWANCE_S = 10.0  # seconds that a time limit must leave for the compiled kernel to be worth sending for
 
 
 @dataclass(frozen=True)
@@ -132,14 +135,6 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
 
 
 # ---- How the search is run: by which kernel, for how long, and what it proved ----
-
-
-# Scaled condition number above which Schur complements lose too many digits.
-SCHUR_CONDITION = 2e5
-# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
-COMPILING_NODES = 8000
-# Seconds that a time limit must leave for the compiled kernel to be worth sending for.
-COMPILE_ALLOWANCE_S = 10.0
 
 
 def search(board: Board, threads: int = 1, time_limit_s: float | None = None) -> Certificate:

@@ -20,10 +20,8 @@ from numba import njit
 
 from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
-# Scalars of the search, by position in ``Work.state``.
-LEVEL, NODES, HITS = 0, 1, 2
-# An argument as numpy scalar: numba would compile a function anew for every literal.
-NONE: Any = np.int64(-1)
+LEVEL, NODES, HITS = 0, 1, 2  # scalars of the search, by position in ``Work.state``
+NONE: Any = np.int64(-1)  # an argument as numpy scalar: numba would compile a function anew for every literal
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -34,6 +32,10 @@ compiled: Callable[[Function], Function] = _jit(**_OPTIONS)
 """Compile on first call, keep on disk, run without the interpreter lock."""
 compiled_part: Callable[[Function], Function] = _jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
 """The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
+# Nodes visited after a hit before the kernel hands it over.
+PATIENCE = 32
+HIT_ROOM = 512
+TURN = 10_000  # nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds
 
 
 class Work(NamedTuple):
@@ -204,10 +206,6 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
         out_v[i] = v[i] - M[last, i] * shift
 
 
-# Nodes visited after a hit before the kernel hands it over.
-PATIENCE = 32
-
-
 @compiled
 def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     """Go on until the tree or the budget is done, hits have waited long enough, or their room is short.
@@ -260,11 +258,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 
 
 # ---- The search of one piece, called ----
-
-
-HIT_ROOM = 512
-# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
-TURN = 10_000
 
 
 def _open_subtrees(w: Work) -> list[OpenSubtree]:

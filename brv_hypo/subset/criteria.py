@@ -18,8 +18,7 @@ from brv_hypo.arrays import FloatArray, IntArray
 MOST_REFINEMENTS = 8
 # Correction, against the coefficients, that is below the last digit of extended precision by ten and more.
 NEGLIGIBLE = 1e-21
-# Condition number of the scaled columns from which the variances are refined too.
-REFINE_VARIANCES_FROM = 1e6
+REFINE_VARIANCES_FROM = 1e6  # condition number of the scaled columns from which the variances are refined too
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,19 @@ from scipy.linalg.lapack import dtrtrs
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
+EPS = float(np.finfo(np.float64).eps)
+SPAN_TOLERANCE = 1e-12  # relative size of what is left of a column below which it counts as lying in a span
+ALIAS_TOLERANCE = 1e-11  # distance of two unit columns below which they are one column under two names
+# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence.
+WEAK_DIAGONAL = 1e-6
+# What is left of a column after others, in units of its rounding error: below the first it is nothing; below the
+# second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
+ROUNDING_MULTIPLE = 64.0
+MEANINGFUL_MULTIPLE = 2.0**16
+# Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
+MOST_SQUARED = 1e140
+NAMED_TERM = 1e-9  # relative size of the terms of a combination that are named
+
 
 @dataclass(frozen=True)
 class Group:
@@ -136,23 +149,6 @@ def _as_tuple(value: int | Sequence[int]) -> tuple[int, ...]:
 
 
 # ---- From (X, y) to the searched problem: weights, forced columns, scaling, aliases, triangular factor ----
-
-
-EPS = float(np.finfo(np.float64).eps)
-# Relative size of what is left of a column below which it counts as lying in a span.
-SPAN_TOLERANCE = 1e-12
-# Distance of two unit columns below which they are one column under two names.
-ALIAS_TOLERANCE = 1e-11
-# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence.
-WEAK_DIAGONAL = 1e-6
-# What is left of a column after others, in units of its rounding error: below the first it is nothing; below the
-# second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
-ROUNDING_MULTIPLE = 64.0
-MEANINGFUL_MULTIPLE = 2.0**16
-# Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
-MOST_SQUARED = 1e140
-# Relative size of the terms of a combination that are named.
-NAMED_TERM = 1e-9
 
 
 class Alias(NamedTuple):

@@ -28,14 +28,12 @@ from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, square_tr
 
 # Residual sum of squares, and the columns of X without the forced ones, ascending.
 Chosen = tuple[float, tuple[int, ...]]
-# Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
-TIE = 1e-11
-# Relative allowance for rounding in a bound where the columns are well-conditioned.
-LEAST_MARGIN = 1e-10
-# A limit that nothing can get under.
-CLOSED = -1.0
-# What forward selection must find left of a unit column.
-LEAST_LENGTH = 3e-6
+TIE = 1e-11  # residual sums of squares closer than this, relatively, are a tie and are ordered by column number
+LEAST_MARGIN = 1e-10  # relative allowance for rounding in a bound where the columns are well-conditioned
+CLOSED = -1.0  # A limit that nothing can get under
+LEAST_LENGTH = 3e-6  # what forward selection must find left of a unit column
+CLOSED_FORM = 2  # places left that need no inverse to be filled
+DETERMINANT_SLACK = 1e-12  # relative allowance for rounding in the 2x2 determinant of a pair
 
 
 class Board:
@@ -141,12 +139,6 @@ def seed_board(board: Board) -> None:
 
 
 # ---- Nodes: what is in, what is undecided, and the factor of what is left ----
-
-
-# Places left that need no inverse to be filled.
-CLOSED_FORM = 2
-# Relative allowance for rounding in the 2x2 determinant of a pair.
-DETERMINANT_SLACK = 1e-12
 
 
 @dataclass(frozen=True)
