@@ -62,9 +62,8 @@ def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
 
 
 def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[FloatArray, Channels, tuple[str, ...]]:
-    """Uniform time (m,), the channels (m,) on it with NaN where missing, and a note on what was done.
-
-    Raises FlightRecordError where `time` jumps so far that a uniform grid would be mostly empty.
+    """Uniform time (m,), channels (m,) with NaN where missing, and notes; FlightRecordError where it would be mostly
+    empty.
     """
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
@@ -185,10 +184,7 @@ def _resampled(
 
 
 def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise: float = 0.0) -> float:
-    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies.
-
-    That of the highest peak of a periodogram, whose power is more than `times_noise` the median.
-    """
+    """Frequency of the strongest motion in q and r (n,), Hz; 0 without power of `times_noise` the median."""
     frequencies = [0.0]
     for rate in (q, r):
         if np.count_nonzero(np.isfinite(rate)) >= 4:

@@ -119,10 +119,7 @@ def _beyond(altitude: FloatArray) -> str:
 
 
 def averaged(flight: Flight) -> Flight:
-    """The flight with means of as many samples as its motion can spare; itself where it is short or has few to spare.
-
-    Samples that a segment's ends leave over belong to no mean.
-    """
+    """The flight as means of as many samples as its motion can spare; itself where it is short, or has few to spare."""
     # Of the fastest motion in body axes, coning or spin, a cycle keeps enough.
     coning, spin = transverse_frequency(flight.q, flight.r, flight.step), np.max(np.abs(flight.p)) / (2.0 * np.pi)
     fastest = max(coning, float(spin))

@@ -61,9 +61,8 @@ _ABOUT = ("instruments", "planet", "title", "source", "path")  # what a record a
 
 
 def assemble(record: Record) -> Flight:
-    """The flight of a record; its notes say, in order, all that was changed, derived or left out.
-
-    Raises FlightRecordError where no stretch of 16 samples has every channel that is needed.
+    """The flight of a record, notes on all that was changed; FlightRecordError without 16 samples in which all is
+    known.
     """
     stamps, masked, masks = mask_faults(record.time, record.channels)
     masked, holds = interpolated_holds(stamps, masked)
@@ -399,10 +398,7 @@ FlightSource = str | Path | Flight | HoldsFlight
 
 
 def one_flight(source: FlightSource) -> Flight:
-    """The flight of a path, a `Flight` or a simulated flight.
-
-    Raises UsageError for anything else, and FlightRecordError for a Flight with values that are not finite.
-    """
+    """The flight of a path, a `Flight` or a simulated one; UsageError for others, FlightRecordError if not finite."""
     if isinstance(source, str | Path):
         return load_flight(source)
     flight = getattr(source, "flight", source)

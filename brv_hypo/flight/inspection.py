@@ -186,10 +186,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
 
 
 def white_noise(values: FloatArray) -> Noise:
-    """White-noise sigma of `values` (n,), NaN where missing, from their differences of high order.
-
-    Trusted by the periodogram of the longest run, which spikes spoil: take them out first.
-    """
+    """White-noise sigma of `values` (n,), NaN where missing, no spikes; trusted by the longest run's periodogram."""
     sigma = sigma_of_differences([values])
     if np.isnan(sigma):
         return Noise(sigma, trusted=False)

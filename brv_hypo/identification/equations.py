@@ -43,10 +43,8 @@ T = TypeVar("T")
 FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
 FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (
-    parameters.ROLL_RATE_ERROR,
-    *parameters.CROSSFLOW,
-)  # that change the rates of alpha and of the meridian at a state
+# What changes the rates of alpha and of the meridian at a state.
+RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)
 Values = Mapping[str, float]
 AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
 

@@ -172,10 +172,7 @@ class NodeRecord:
     tolerated: tuple[Tolerated, ...]  # the flight's values whose parameters count sigmas
 
     def predicted(self, outputs: FloatArray) -> ComplexArray:
-        """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).
-
-        Between nodes the prediction follows the regression's, plus the difference of the two.
-        """
+        """Rate and force, de-rolled, at all samples (2, samples): the regression's, corrected at outputs (4, nodes)."""
         valid = np.all(np.isfinite(outputs), axis=0)
         middle = self.middle[valid]
         at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, valid] * self.turn[middle]

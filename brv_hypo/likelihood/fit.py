@@ -142,9 +142,8 @@ class _Task:
     options: Options
 
     def solve(self, segments: Sequence[Segment], steps: int, before: FitResult | None = None) -> FitResult:
-        """The fit on one mesh of so many steps between samples, from where one on another mesh ended.
-
-        Across long gaps once more from the stretches between them, which process noise bridges itself.
+        """The fit on a mesh of so many steps between samples, from one on another mesh if there is one, across long
+        gaps too.
         """
         if before is not None:
             driving = None if self.process_noise is None else before.process_noise

@@ -260,10 +260,7 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
 def line_search(
     problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] = lambda _: 0.0
 ) -> tuple[Iterate, float]:
-    """Halve the step until the merit falls enough; fraction 0 where it does not.
-
-    The merit is the objective, plus the penalty times the violation, plus a further `term`.
-    """
+    """Halve the step until the merit (objective, penalty times violation, `term`) falls enough; fraction 0 if never."""
     merit = step.cost + penalty * step.violation + term(iterate)
     slope = step.decrease - penalty * step.violation
     slack = 1e-10 * (1.0 + abs(merit))

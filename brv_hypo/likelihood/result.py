@@ -211,10 +211,7 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
 def _covariances(
     problem: Problem, rows: Sequence[Whitened], triangle: FloatArray, samples: int, free: IntArray, options: Options
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
-
-    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from them.
-    """
+    """Covariances (p, p) for white and for coloured residuals, degrees of freedom counted; nan where unknown."""
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, free)
     unknowns = len(free) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)

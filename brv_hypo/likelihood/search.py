@@ -255,10 +255,7 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 def _with_noise(
     problem: Problem, iterate: Iterate, options: Options, length: float
 ) -> tuple[Problem, Iterate, Segments, bool]:
-    """Both with new variances, by Eq. 3.11 or, with process noise, of both noises, after a step of this length.
-
-    Also the sensitivities there, where they are known, and whether the variances have settled.
-    """
+    """Both with new variances after a step of this length; the sensitivities there, if known; whether converged."""
     if not np.any(problem.process_noise):
         if not options.estimate_noise:
             return problem, iterate, (), True

@@ -236,10 +236,8 @@ def first_noises(y: FloatArray) -> dict[str, FloatArray]:
 def best_of(
     noises: Mapping[str, FloatArray], run: Callable[[FloatArray], FitResult], *, alone: bool, known: bool
 ) -> FitResult:
-    """The fit of the greatest likelihood.
-
-    Others than the first, unless that is to stay `alone`, are tried where its residuals are not white, or, where the
-    noise is `known`, far larger than it.
+    """The fit of the greatest likelihood; others than the first are tried, unless `alone`, where its residuals are no
+    noise.
     """
     (source, first), *others = noises.items()
     ends = {source: run(first)}

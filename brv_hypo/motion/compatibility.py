@@ -343,10 +343,7 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
 
 
 def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
-    """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere.
-
-    None where neither is known but from that pressure and the speed.
-    """
+    """Recorded over expected dynamic pressure, by density or Earth's altitude; None if neither is known otherwise."""
     velocity, pressure, altitude = readings.channels["air data"]
     if "density" in readings.derived and (readings.derived & {"altitude"} or not readings.has_altitude):
         return None

@@ -191,10 +191,7 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
 
 
 def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
-
-    `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.
-    """
+    """Roll (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to the first sample's, by p and q + i r, rad/s."""
     roll = running_integral(time, p)
     turn = np.exp(1j * roll)
     first, second, third = np.moveaxis(derolled_attitude(time, transverse_rate * turn), -1, 0)

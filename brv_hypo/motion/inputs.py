@@ -101,10 +101,8 @@ def _derolled(reconstruction: Reconstruction, roll_rate: FloatArray) -> tuple[Fl
 
 
 def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
-    """The shapes (coefficients, shapes), of at most `INPUT_MOST_SHAPES`, up to the last that is significant in
-    the rates.
-
-    A shape changes the transverse rates by a `share` (shapes,) of them times its own size.
+    """The shapes (coefficients, shapes) up to the last that is significant in the rates, which one changes by a `share`
+    (shapes,) of them times its own size.
     """
     motion = reconstruction.motion
     rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))

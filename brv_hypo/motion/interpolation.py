@@ -179,10 +179,7 @@ def spacing(meridian_rate: FloatArray, roll_rate: FloatArray, step: float, per_c
 
 
 def turning(meridian_rate: FloatArray, roll_rate: FloatArray, step: float) -> float:
-    """Frequency of the fastest motion in axes that do not roll, rad a sample; rates (n,) rad/s, step s.
-
-    What is fixed to the body turns as well.
-    """
+    """Frequency, rad a sample, of the fastest motion in axes that do not roll; what is fixed to the body turns too."""
     crossflow = float(np.percentile(np.abs(roll_rate - meridian_rate), RESPONSE_FASTEST))
     return max(crossflow, float(np.max(np.abs(roll_rate)))) * step
 

@@ -225,10 +225,7 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
 
 
 def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
-    """Change (n, 3, k) m/s of the velocity relative to the air, in the axes of the first sample.
-
-    A turned attitude moves the air as much as a turned velocity does.
-    """
+    """Change (n, 3, k) m/s of the velocity relative to the air, which a turned attitude moves as well."""
     forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
     flow = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
     velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)

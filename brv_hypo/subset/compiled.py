@@ -295,10 +295,7 @@ def _working_arrays(board: Board, piece: Node) -> Work:
 def search_compiled(
     board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
-    """Search all subtrees, lowest bound first: nodes visited, and what is left at the deadline.
-
-    Several threads take a turn each on as many subtrees, and give back what is left of these for the next turn.
-    """
+    """Search all subtrees, lowest bound first, in turns on threads: nodes visited, what is left at the deadline."""
     nodes, left = 0, list(subtrees)
     lock, until = threading.Lock(), deadline
 

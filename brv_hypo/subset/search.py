@@ -259,10 +259,7 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtr
 
 
 def _cut(node: Node, max_size: int) -> Iterator[OpenSubtree]:
-    """Each part of a node with a dependency: by the first column of it that is left out.
-
-    What comes before that one is in; parts that would hold more than `max_size` are none.
-    """
+    """Parts of a node with a dependency, by the first of its columns that is left out; those before are in."""
     involved = node.dependency
     place = np.full(node.undecided.max() + 1, len(involved))
     place[list(involved)] = np.arange(len(involved))

@@ -157,10 +157,7 @@ class RandomWalkSmoother:
         self.nose_start = start_from_nose(record)
 
     def solve(self, measurements: Measurements, near: StartingPoint | None = None) -> SmoothedMotion:
-        """Fit from a motion that is near; without one from the nose's mean, or better.
-
-        The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
-        """
+        """Fit from a motion that is near; else the best from the nose's mean and from linear fits about that."""
         if near is not None:
             return self._iterate(measurements, *near)
         starts = [self.nose_start, *map(self._linear_start, measurements)]
