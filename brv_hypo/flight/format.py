@@ -31,7 +31,6 @@ from brv_hypo.flight.record import (
     Flight,
     Record,
     RecordFault,
-    Vehicle,
     check_present,
     checked_vehicle,
     validated,
@@ -303,11 +302,22 @@ def read_record(path: str | Path) -> Record:
         check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
+        vehicle = tree.groups.get("vehicle")
+        if vehicle is None:
+            raise refusal(
+                "vehicle",
+                "no such group",
+                f"a group with {', '.join(VEHICLE_DIMENSIONS)}",
+                "mass properties kept in another file",
+                "add them, each a scalar dataset with 'units'",
+            )
+        properties = _in_si(vehicle.datasets, VEHICLE_DIMENSIONS, "vehicle/")
+        scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in properties.items()}
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
         content = {
             "time": arrays.pop("time"),
             "channels": arrays,
-            "vehicle": _vehicle(tree.groups.get("vehicle")),
+            "vehicle": checked_vehicle(scalars),
             "instruments": _instruments(tree.groups.get("instruments")),
             **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),
@@ -315,20 +325,6 @@ def read_record(path: str | Path) -> Record:
             "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(unread)),
         }
         return validated(Record, content)
-
-
-def _vehicle(group: Tree | None) -> Vehicle:
-    if group is None:
-        raise refusal(
-            "vehicle",
-            "no such group",
-            f"a group with {', '.join(VEHICLE_DIMENSIONS)}",
-            "mass properties kept in another file",
-            "add them, each a scalar dataset with 'units'",
-        )
-    values = _in_si(group.datasets, VEHICLE_DIMENSIONS, "vehicle/")
-    scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in values.items()}
-    return checked_vehicle(scalars)
 
 
 def _instruments(group: Tree | None) -> Instruments:

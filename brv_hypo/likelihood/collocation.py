@@ -284,14 +284,30 @@ def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, na
     acting = tuple(names[k] for k in own)
     slope = jacobian(model.dynamics, everywhere, theta, acting, model.method, model.scale)
     output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, model.scale)
-    late = [(there.back[name][0][: grid.n], block) for name, block in output.by_delayed.items()]
+    h, parts = grid.step[:, None, None], grid.intervals
+    a, a_mid, a_end = (slope.by_state[where] for where in parts)
+    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
+    through_mid, unit = h / 3 * a_mid, np.eye(a.shape[1])
+    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
+    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
+    late = []
+    for name, by_delayed in slope.by_delayed.items():
+        d, d_mid, d_end = (by_delayed[where] for where in parts)
+        weights, _ = there.back[name]
+        late += [
+            (weights[: grid.n - 1], -h / 6 * d - h / 4 * (through_mid @ d)),
+            (weights[1 : grid.n], -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
+            (weights[parts[1]], -2 * h / 3 * d_mid),
+        ]
     return Linearisation(
         own=np.array(own, dtype=np.int64),
-        defect=there.defect(*(slope.value[:, where] for where in grid.intervals)),
-        **_defect_derivatives(grid, slope, there.back),
+        defect=there.defect(*(slope.value[:, where] for where in parts)),
+        defect_by_state=np.stack([here - unit, after + unit], axis=1),
+        defect_by_delayed=_by_delayed(late),
+        defect_by_parameter=-h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end)),
         output=output.value.T,
         output_by_state=output.by_state,
-        output_by_delayed=_by_delayed(late),
+        output_by_delayed=_by_delayed([(there.back[name][0][: grid.n], d) for name, d in output.by_delayed.items()]),
         output_by_parameter=output.by_parameter,
     )
 
@@ -350,33 +366,6 @@ def start_points(model: Model, grid: Grid, theta: Values) -> Points:
     """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
     return _There(model, grid, x, theta).at_samples
-
-
-def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Weights]) -> dict[str, Any]:
-    """Those of the defects, by their names in `Linearisation`."""
-    h = grid.step[:, None, None]
-    parts = grid.intervals
-    a, a_mid, a_end = (slope.by_state[where] for where in parts)
-    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
-    by_parameter = -h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end))
-    through_mid = h / 3 * a_mid
-    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
-    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
-    unit = np.eye(a.shape[1])
-    late = []
-    for name, by_delayed in slope.by_delayed.items():
-        d, d_mid, d_end = (by_delayed[where] for where in parts)
-        weights, _ = back[name]
-        late += [
-            (weights[: grid.n - 1], -h / 6 * d - h / 4 * (through_mid @ d)),
-            (weights[1 : grid.n], -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
-            (weights[parts[1]], -2 * h / 3 * d_mid),
-        ]
-    return {
-        "defect_by_state": np.stack([here - unit, after + unit], axis=1),
-        "defect_by_delayed": _by_delayed(late),
-        "defect_by_parameter": by_parameter,
-    }
 
 
 def _by_delayed(late: Sequence[tuple[csr_array[np.float64], FloatArray]]) -> csr_array[np.float64] | None:

@@ -264,7 +264,18 @@ class Solved:
         """log det C + log det I(theta), but for a constant."""
         measured = sum(log_determinant_of(self.iterate.variance, grid.measured) for grid in self.problem.grids)
         states = sum(segment.log_det for segment in self.segments)
-        return measured + states + _log_det_information(self.problem, self.iterate, self.segments)
+        # I(theta), priors in it, over what the data and the bounds leave free.
+        parameters, theta = self.problem.parameters, self.iterate.theta
+        inside = (theta > parameters.lower) & (theta < parameters.upper)
+        p = inside.size
+        rows = np.concatenate([information_factor(self.segments, p)[:p, :p], np.diag(1.0 / parameters.prior_std)])
+        size = np.linalg.norm(rows, axis=0)
+        free = np.flatnonzero(inside & (size > 0.0))
+        _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
+        kept = singular > _UNSEEN * singular.max(initial=0.0)
+        unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
+        known = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
+        return float(measured + states + (known + np.linalg.slogdet(unseen @ unseen.T)[1]))
 
     @cached_property
     def nllf(self) -> float:
@@ -315,21 +326,6 @@ class Solved:
         for noise, variance in self.variances(factors):
             problem, iterate = replace(self.problem, process_noise=noise), replace(self.iterate, variance=variance)
             yield Solved(problem, iterate, self.directions, self.linear)
-
-
-def _log_det_information(problem: Problem, iterate: Iterate, segments: Segments) -> float:
-    """log det I(theta), priors in it, over what the data and the bounds leave free."""
-    parameters = problem.parameters
-    inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
-    p = inside.size
-    rows = np.concatenate([information_factor(segments, p)[:p, :p], np.diag(1.0 / parameters.prior_std)])
-    size = np.linalg.norm(rows, axis=0)
-    free = np.flatnonzero(inside & (size > 0.0))
-    _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
-    kept = singular > _UNSEEN * singular.max(initial=0.0)
-    unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
-    found = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
-    return float(found + np.linalg.slogdet(unseen @ unseen.T)[1])
 
 
 def with_unknown_variances(here: Solved, score: Score, segments: Segments, covariance: FloatArray) -> FloatArray:

@@ -382,24 +382,17 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         unusable = RecordFault.over(flight.time, "record", "unusable", str(error), decisive=True)
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        physics = _physics(masked)
-        turned = any(fault.fault == "mounting" for fault in physics)  # axes of the unit are not those of the vehicle
-        found = (*faults, *physics, *(() if turned else _contradictions(averaged(masked))))
+        inside, columns = masked.measured(), masked.columns()
+        known = {name: np.where(inside, values, np.nan) for name, values in columns.items() if name != "time"}
+        physics = plausibility.contradictions(masked.time, known, masked.vehicle, masked.planet == "earth")
+        rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
+        air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+        tolerance = max(*masked.instruments.gyro_misalignment, *masked.instruments.accel_misalignment)
+        nose = plausibility.nose_axis(masked.time, rates, forces, air)
+        turned = plausibility.mounting_fault(masked.time, nose, tolerance)  # axes of the unit are not the vehicle's
+        found = (*faults, *physics, *(turned or _contradictions(averaged(masked))))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
-
-
-def _physics(flight: Flight) -> tuple[RecordFault, ...]:
-    """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
-    inside = flight.measured()
-    known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
-    rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-    air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
-    tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
-    turned = plausibility.mounting_fault(
-        flight.time, plausibility.nose_axis(flight.time, rates, forces, air), tolerance
-    )
-    return (*plausibility.contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:

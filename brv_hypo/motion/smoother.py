@@ -252,22 +252,8 @@ def walk_equations(
     information[1, :-1] += steps
     information[1, 1:] += steps
     information[0, 1:] = -steps
-    gram, projected = _normal_equations(measurements)
-    factor = cholesky_banded(information)
-    half, _ = dtbtrs(factor, projected, uplo="U", trans="T", overwrite_b=True)
-    for part in (half[:, : gram.shape[0]], half[:, gram.shape[0] :]):
-        gram -= part.T @ part
-    answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
-    # The diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample.
-    upward, reverse = cholesky_banded(information)[1] ** 2, np.zeros_like(information)
-    reverse[1], reverse[0, 1:] = information[1, ::-1], information[0, :0:-1]
-    downward = cholesky_banded(reverse)[1, ::-1] ** 2
-    return WalkEquations(measurements[-1], answer, 1.0 / (upward + downward - information[1]), gram)
-
-
-def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
-    """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
-    n, count = measurements[0].residual.size, measurements[0].columns(slice(1)).shape[1] + 1
+    # Inner products of whitened residual and columns, and their projection on the walk.
+    count = measurements[0].columns(slice(1)).shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
         gain = np.conj(measurement.gain) / measurement.sigma
@@ -279,4 +265,13 @@ def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatA
             white *= gain[rows, np.newaxis]
             projected[rows, :count] += white.real
             projected[rows, count:] += white.imag
-    return gram, projected
+    factor = cholesky_banded(information)
+    half, _ = dtbtrs(factor, projected, uplo="U", trans="T", overwrite_b=True)
+    for part in (half[:, :count], half[:, count:]):
+        gram -= part.T @ part
+    answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
+    # The diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample.
+    upward, reverse = cholesky_banded(information)[1] ** 2, np.zeros_like(information)
+    reverse[1], reverse[0, 1:] = information[1, ::-1], information[0, :0:-1]
+    downward = cholesky_banded(reverse)[1, ::-1] ** 2
+    return WalkEquations(measurements[-1], answer, 1.0 / (upward + downward - information[1]), gram)
