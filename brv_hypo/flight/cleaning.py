@@ -300,7 +300,10 @@ def mask_faults(
         steady[at:] -= excess
         action = f"the samples run on: later stamps moved by {-excess:.4g} s"
         faults.append(RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action))
-    places, dead = clock.places_with_gaps(steady, clock.JUMP_FLANK), _dead(steady, tried)
+    # Where each sample lies on an axis that has a place for what its gaps miss, a flank at most in each.
+    steps = np.diff(steady) / float(np.median(np.diff(steady)))
+    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, clock.JUMP_FLANK), 0.0)
+    places, dead = np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64)))), _dead(steady, tried)
     for name, values in tried.items():
         masked[name], found = (values, [dead[name]]) if name in dead else _mask_channel(name, steady, values, places)
         faults += found

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
 
@@ -88,13 +88,6 @@ def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Fl
         placed[name] = np.full(grid.size, np.nan)
         placed[name][index] = values
     return grid, placed, (note,)
-
-
-def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
-    """Where each sample (n,) lies on an axis that has a place for what its gaps miss, `longest` at most in each."""
-    steps = np.diff(time) / float(np.median(np.diff(time)))
-    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
-    return np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64))))
 
 
 def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:

@@ -16,7 +16,6 @@ rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -77,14 +76,14 @@ class Memory(Generic[T]):
     """The last few results by key: most parameters leave the columns as they are, a moved state only one motion."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
+        self._known: dict[tuple[object, ...], T] = {}
 
     def __call__(self, key: tuple[object, ...], compute: Callable[[], T]) -> T:
         """The result for `key`, computed where it is not known."""
         if key not in self._known:
             self._known[key] = compute()
             if len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
+                del self._known[next(iter(self._known))]
         return self._known[key]
 
 

@@ -313,7 +313,12 @@ def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int
         searches.append(problem.solve(**how))
         return searches[-1]
 
-    if _misfit(problem) > IDENTIFIED_POOR_START:
+    misfits = [  # of the angular rate, mean squares over the gyros' noise
+        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
+        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
+        for record in problem.records
+    ]
+    if np.sqrt(max(misfits)) > IDENTIFIED_POOR_START:
         knots = problem.structure.knots
         problem = problem.refreshed(solve(problem, fixed=knots, max_iterations=IDENTIFIED_FIRST_STEPS))
     found = solve(problem)
@@ -342,16 +347,6 @@ def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
         return ()
     knots = problem.structure.knots
     return tuple(name for name in knots if not found.std_error[name] < problem.seconds_to_node) or knots
-
-
-def _misfit(problem: Problem) -> float:
-    """Root mean square of the angular rate that the start leaves over, in terms of the gyros' noise."""
-    left = [
-        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
-        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
-        for record in problem.records
-    ]
-    return float(np.sqrt(max(left)))
 
 
 def _stale(old: Problem, new: Problem, found: FitResult, fixed: Sequence[str]) -> bool:

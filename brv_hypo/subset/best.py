@@ -78,12 +78,9 @@ class SubsetResult(Tabular):
 
     subsets: tuple[Subset, ...]  # the best of every size
     certificate: Certificate  # what was proved of them
+    # Columns that equal a combination of others. Multiples of one column, and of forced ones, are not searched unless a
+    # rule names them, and stand-ins of the same span can be read off here; no subset holds all of a longer combination.
     aliases: tuple[Alias, ...]
-    """Columns that equal a combination of others.
-
-    Multiples of one column, and of forced ones, are not searched unless a rule names them, and stand-ins of the same
-    span can be read off here; of the columns of a longer combination no subset holds all.
-    """
     baseline: Subset  # the forced model alone
     refused: tuple[Refusal, ...] = ()  # so near to dependence that no subset holds them together, with the reason
 

@@ -105,12 +105,9 @@ class Criteria:
     cp: float  # (d) RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661.
     f_ratio: float  # (e) ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F
     expected_variance: float  # (f) p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261.
+    # (g) s^2 (1 - g) + bias^2 + 2 s^2 g_A, averaged over the rows (Allen, Technometrics 13 (1971) 469): at row x, g is
+    # x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their predictions.
     point_error: float
-    """(g) s^2 (1 - g) + bias^2 + 2 s^2 g_A, averaged over the rows. Allen, Technometrics 13 (1971) 469.
-
-    At a row x, g is x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their
-    predictions.
-    """
     press: float  # sum of (e / (1 - h))^2: each row predicted from all others. Allen, Technometrics 16 (1974) 125.
     aic: float  # n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716.
     bic: float  # n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461.
