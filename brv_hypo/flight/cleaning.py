@@ -3,17 +3,16 @@
 Entrances: `mask_faults`, `interpolated_holds`.
 
 Stuck or clipped: a channel that is quantised, slow, or sampled and held repeats its values by nature. A run of
-constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step
-of the channel comes near; a flat top only where the extreme value is held far more often than the values beside it.
-Burst: 3 to 60 samples between two edges (a third difference beyond 8 robust standard deviations and 3 times any
-other around, as large as the departure to a factor of two), which the quintic through 8 samples on either side
-passes at more than 8 standard deviations of the channel's noise.
-Spike: one or two samples more than 8 robust standard deviations off the cubic through two samples on either side,
-and more than twice the largest second difference around: a sinusoid of any frequency reaches
-(2 sin(w h / 2))^2 / 6 < 2/3 of that, a step or a kink 1. Or 2.5 times the largest fourth difference: a kink
-reaches 1, a step 0.6, a sinusoid near the sampling rate 2.02 (tests/flight/test_spikes.py). A channel with more
-than 2 % of spikes is left as it is: they are its noise.
-What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a decisive fault is reported.
+constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step of the
+channel comes near; a flat top only where the extreme value is held far more often than the values beside it.
+Burst: 3 to 60 samples between two edges (a third difference beyond 8 robust standard deviations and 3 times any other
+around, as large as the departure to a factor of two), which the quintic through 8 samples on either side passes at more
+than 8 standard deviations of the channel's noise.
+Spike: one or two samples more than 8 robust standard deviations off the cubic through two samples on either side, and
+more than twice the largest second difference around: a sinusoid of any frequency reaches (2 sin(w h / 2))^2 / 6 < 2/3
+of that, a step or a kink 1. Or 2.5 times the largest fourth difference: a kink reaches 1, a step 0.6, a sinusoid near
+the sampling rate 2.02 (tests/flight/test_spikes.py). A channel with more than 2 % of spikes is left as it is: they are
+its noise. What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a decisive fault is reported.
 """
 
 from __future__ import annotations

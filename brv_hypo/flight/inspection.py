@@ -1,10 +1,9 @@
 """What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect`; phases of a rocket's flight.
 
-On the pad the axial accelerometer reads gravity; while the motor burns it reads much more; coasting, drag makes it
-read less than nothing; a parachute jerks (`find_phases`). Thrust and a changing mass are in no model of the
-moments: of a rocket's flight only the coast can be compared. A record of an entry has no phase but, at its end,
-the parachute.
-The white noise of a channel is trusted where its spectrum is level over the upper half of the band.
+On the pad the axial accelerometer reads gravity; while the motor burns it reads much more; coasting, drag makes it read
+less than nothing; a parachute jerks (`find_phases`). Thrust and a changing mass are in no model of the moments: of a
+rocket's flight only the coast can be compared. A record of an entry has no phase but, at its end, the parachute. The
+white noise of a channel is trusted where its spectrum is level over the upper half of the band.
 """
 
 from __future__ import annotations

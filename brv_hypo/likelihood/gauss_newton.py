@@ -2,9 +2,8 @@
 
 The states of each segment are eliminated first (`elimination`), which leaves a small bounded least-squares problem in
 theta with its priors; the states then follow. The line search weighs the objective against the violation of the
-dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to
-each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`,
-`Extrapolation`.
+dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to each
+other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`, `Extrapolation`.
 """
 
 from __future__ import annotations

@@ -7,8 +7,7 @@ covariance of the estimate is the inverse of the information, with near-null dir
     C = D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D
 
 with D the covariance for white residuals, S the outputs' sensitivities, R the residuals' autocorrelation by an
-autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn
-negative.
+autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn negative.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`perturbed` gives the inertial record under it.
-`effect_responses` linearises each by a central difference about a noise-free flight: smoothed rates, speed and
-pressure, and the normal force as fitted. A regressor made from measured channels would hold the noise of the
-response, and find itself.
+`perturbed` gives the inertial record under it. `effect_responses` linearises each by a central difference about a
+noise-free flight: smoothed rates, speed and pressure, and the normal force as fitted. A regressor made from measured
+channels would hold the noise of the response, and find itself.
 """
 
 from __future__ import annotations
