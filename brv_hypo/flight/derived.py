@@ -74,7 +74,12 @@ def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: fl
     if not (wanted and earth and "density" in known):
         return known, notes
     if "altitude" in wanted:
-        known["altitude"] = _altitude_of_density(known["density"])
+        # Log-linear on a 50 m grid and at the bends between layers, within 0.1 m of the exact inverse; else the ends.
+        bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
+        grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
+        with np.errstate(divide="ignore"):
+            fallen = -np.log(known["density"])
+        known["altitude"] = np.interp(fallen, -np.log(atmosphere(grid, "density")), grid)
         beyond = _beyond(known["altitude"])
         notes.append(f"{ALTITUDE_FOLLOWS} in the Earth standard atmosphere{beyond}")
     end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
@@ -98,18 +103,6 @@ def atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
     if np.any(inside):
         result[inside] = getattr(Atmosphere(altitude[inside]), quantity)
     return result
-
-
-def _altitude_of_density(density: FloatArray) -> FloatArray:
-    """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
-
-    Log-linear on a 50 m grid and at the bends between layers, within 0.1 m of the exact inverse.
-    """
-    bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
-    grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
-    fall = -np.log(atmosphere(grid, "density"))
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.interp(-np.log(density), fall, grid))
 
 
 def _beyond(altitude: FloatArray) -> str:

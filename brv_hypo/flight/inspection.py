@@ -71,11 +71,15 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     ignition = burnout = 0
     thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)  # the first that lasts
     if thrust is not None:
-        before = np.flatnonzero(resting[: thrust[0]])
-        ignition = int(before[-1]) + 1 if before.size else thrust[0]
+        rested = np.flatnonzero(resting[: thrust[0]])
+        ignition = int(rested[-1]) + 1 if rested.size else thrust[0]
         dragged = (run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least)
         burnout = next(dragged, (axial.size,))[0]
-    jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
+    # A parachute opens at the first sample at which the force leaves what it was.
+    before = max(2, round(PARACHUTE_BEFORE / step))
+    pulls = (int(at) for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY) if at >= burnout + before)
+    opens = (at for at in pulls if force[at] > PARACHUTE_TIMES * np.median(force[at - before : at - before // 4]))
+    jerk = next(opens, force.size)
     edges: dict[PhaseName, tuple[int, int]] = {
         "pad": (0, ignition if ignition and np.mean(resting[:ignition]) > PHASE_RESTING else 0),
         "burn": (ignition, burnout),
@@ -85,14 +89,6 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     if burnout == 0 and jerk == time.size:
         return ()
     return tuple(Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least)
-
-
-def _jerk(force: FloatArray, begin: int, before: int) -> int:
-    """The first sample at which the force leaves what it was, as at a parachute's opening; the end without one."""
-    for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY):
-        if at >= begin + before and force[at] > PARACHUTE_TIMES * np.median(force[at - before : at - before // 4]):
-            return int(at)
-    return force.size
 
 
 @dataclass(frozen=True)

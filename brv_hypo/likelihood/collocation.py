@@ -223,9 +223,7 @@ def _with_time_varying(points: Points, theta: Values) -> dict[str, Any]:
 
 
 def _call(function: Function, x: FloatArray, points: Points, theta: Values, delayed: Mapping[str, Delayed]) -> Any:
-    if delayed:
-        return function(x, points.u, theta, points.t, delayed)
-    return function(x, points.u, theta, points.t)
+    return function(x, points.u, theta, points.t, *((delayed,) if delayed else ()))
 
 
 def _largest_size(names: Collection[str], theta: Values, scale: Mapping[str, float]) -> float:

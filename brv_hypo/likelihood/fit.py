@@ -14,7 +14,7 @@ from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
-from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
+from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters
 from brv_hypo.progress import Progress, report_to, silent
 
 _LONGEST = 100_000  # samples up to which a second starting point is tried
@@ -169,7 +169,16 @@ class _Task:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
         if not grids:
             raise UsageError("no segments were given; expected at least one")
-        check_consistent(grids)
+        for what, counts in (
+            ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
+            ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
+            ("outputs (rows of y)", [grid.y.shape[0] for grid in grids]),
+        ):
+            if len(set(counts)) > 1:
+                raise UsageError(
+                    f"the segments have {counts} {what}; expected the same number in each, since one model describes "
+                    "them all. An output that a segment lacks is a row of NaN"
+                )
         # A delay may reach over a quarter of the shortest segment, either way, where the user set no bounds.
         longest = min(float(g.step.sum()) for g in grids) / 4
         limits = dict.fromkeys(self.delays, (-longest, longest)) | dict(self.bounds)

@@ -12,7 +12,7 @@ grid, `build_parameters` the names, start values, bounds and priors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -254,20 +254,6 @@ def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
     if segment.hold == "linear":
         return np.asarray((1.0 - s) * u[:, before] + s * u[:, before + 1])
     return np.asarray(u @ interpolation(t, at)[0].T)
-
-
-def check_consistent(grids: Sequence[Grid]) -> None:
-    """UsageError where states, inputs or outputs of the segments differ in number."""
-    for what, counts in (
-        ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
-        ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
-        ("outputs (rows of y)", [grid.y.shape[0] for grid in grids]),
-    ):
-        if len(set(counts)) > 1:
-            raise UsageError(
-                f"the segments have {counts} {what}; expected the same number in each, since one model describes them "
-                "all. An output that a segment lacks is a row of NaN"
-            )
 
 
 @dataclass(frozen=True)

@@ -124,21 +124,6 @@ def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     return iterate
 
 
-def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
-    """A few steps in theta and the states while the dynamics are tightened, from equation to output error.
-
-    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no
-    harm. Delays wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
-    """
-    reach = np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
-    for fraction in _TIGHTENING:
-        noise = np.hypot(problem.process_noise, fraction * loose)
-        loosened = replace(problem, process_noise=noise, reach=reach)
-        step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
-        iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
-    return iterate
-
-
 def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
     changes = np.concatenate([np.diff(x, axis=1) for x in iterate.x], axis=1)
@@ -156,8 +141,16 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
         short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
         reach = problem.parameters.spread(dict.fromkeys(problem.model.delays, short), np.inf)
         problem = replace(problem, size=state_sizes(iterate.x), reach=np.minimum(problem.reach, reach))
-        if not near:
-            iterate = approach(problem, iterate, loose)
+        # A few steps in theta and the states while the dynamics are tightened, from equation to output error. With the
+        # states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no harm. Delays
+        # wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
+        nearer, waiting = iterate, np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
+        for fraction in () if near else _TIGHTENING:
+            noise = np.hypot(problem.process_noise, fraction * loose)
+            loosened = replace(problem, process_noise=noise, reach=waiting)
+            step = gauss_newton_step(loosened, nearer, sensitivities(loosened, nearer, anchored=True))
+            nearer, _ = line_search(loosened, nearer, step, penalty=0.0)
+        iterate = nearer
     return problem, iterate
 
 

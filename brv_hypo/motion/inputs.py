@@ -52,17 +52,13 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
     """The inputs of a flight, at its reconstructed motion; those of a flight that holds them smoothed as they are."""
     flight, errors = reconstruction.flight, reconstruction.input_errors
     if not errors:
-        flight, errors = _smoothed(reconstruction, flight)
+        flight, errors = smoothed_inputs(reconstruction, flight)
     roll, axes = _derolled(reconstruction, flight.p)
     return SmoothInputs(flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, errors)
 
 
-def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
-    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
-    return _smoothed(reconstruction, reconstruction.corrected)
-
-
-def _smoothed(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, tuple[InputError, ...]]:
+def smoothed_inputs(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, tuple[InputError, ...]]:
+    """The flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
     motion = reconstruction.motion
     roll_rate = smoothed(flight.p)
     if not follows(flight.p, roll_rate.values, flight):  # the local filter leaves slow noise as it is

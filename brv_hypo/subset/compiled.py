@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
+from scipy.linalg.lapack import dtrtri
 
 from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
@@ -277,7 +278,7 @@ def _working_arrays(board: Board, piece: Node) -> Work:
     levels = board.max_size - base + 2
     S, H, c, beta = (np.zeros((levels, *shape)) for shape in ((m, m), (m, m), (m,), (m,)))
     # H from the inverse of R, never from the inverse of S, which would square the condition number.
-    inverse = piece.inverse
+    inverse = np.asarray(dtrtri(piece.R)[0], dtype=np.float64)
     S[0], c[0] = piece.R.T @ piece.R, piece.R.T @ piece.z
     H[0], beta[0] = inverse @ inverse.T, inverse @ piece.z
     ids, count, rss, bound = np.empty((levels, m), dtype=np.int64), np.zeros(levels, int), *np.empty((2, levels))

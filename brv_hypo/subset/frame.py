@@ -186,11 +186,6 @@ class Frame:
     constraints: Constraints  # which subsets are allowed
 
     @property
-    def n_candidates(self) -> int:
-        """Number of candidates searched over."""
-        return int(self.candidates.size)
-
-    @property
     def aliases(self) -> tuple[Alias, ...]:
         """Columns that are combinations of others."""
         return (*self.set_aside, *self._names[0])

@@ -166,11 +166,6 @@ class Node:
         """Residual sum of squares of the included columns alone."""
         return self.bound + float(self.z @ self.z)
 
-    @property
-    def inverse(self) -> FloatArray:
-        """R^-1, found anew each time: a tree may have tens of thousands of nodes."""
-        return np.asarray(dtrtri(self.R)[0], dtype=np.float64)
-
     def rises(self) -> FloatArray:
         """Rise of the bound on dropping each undecided column; zero where the factor is singular."""
         inverse, singular = dtrtri(self.R)
@@ -239,8 +234,8 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtr
 
     Leaves are left to be made, once, by who scores them: of dependent columns nearly all parts are leaves.
     """
-    dependent = frame.rank < frame.n_candidates
-    stack = [OpenSubtree((), tuple(range(frame.n_candidates)), frame.rss_full)]
+    dependent = frame.rank < frame.candidates.size
+    stack = [OpenSubtree((), tuple(range(frame.candidates.size)), frame.rss_full)]
     while stack:
         part = stack.pop()
         allowed = frame.constraints.propagated(part.included, part.undecided)

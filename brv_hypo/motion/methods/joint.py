@@ -153,7 +153,14 @@ class RandomWalkSmoother:
         self.rough = rough
         self.shared = GRAVITY_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
-        self.step_variance = _step_variance(record)
+        # Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide.
+        step, measured = record.flight.step, record.measured
+        speed = 0.5 * (self.speed[1:] + self.speed[:-1])
+        variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
+        hidden = ~(measured[1:] & measured[:-1])
+        rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[measured]) ** 2)))
+        length = max(int(np.count_nonzero(hidden)), 1) * step
+        self.step_variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
         self.nose_start = start_from_nose(record)
 
     def solve(self, measurements: Measurements, near: StartingPoint | None = None) -> SmoothedMotion:
@@ -330,17 +337,6 @@ def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     change = step - before
     fall = -float(np.vdot(change, before).real)
     return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
-
-
-def _step_variance(record: InertialRecord) -> FloatArray:
-    """Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide."""
-    step = record.flight.step
-    speed = 0.5 * (record.flight.velocity[1:] + record.flight.velocity[:-1])
-    variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
-    hidden = ~(record.measured[1:] & record.measured[:-1])
-    rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[record.measured]) ** 2)))
-    length = max(int(np.count_nonzero(hidden)), 1) * step
-    return np.asarray(np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance))
 
 
 # ---- The method: which measurements, with what slopes and noise ----
