@@ -117,13 +117,11 @@ class Shapes:
     @cached_property
     def averaged(self) -> ComplexArray:
         """The accelerations (columns, n) times what a block sees of their courses."""
-        out = self.acceleration.copy()
+        out, context, half = self.acceleration.copy(), self.context, self.here.input("half")
         for own, column in zip(out, self.columns, strict=True):
             if has_knot(column):
-                time_basis, time, _ = parameters.placed(
-                    column.time_basis, self.here.time, self.here.input("half"), self.context.own
-                )
-                own *= parameters.averaged(time_basis, time, self.context.block)
+                time_basis, time, _ = parameters.placed(column.time_basis, self.here.time, half, context.own)
+                own *= parameters.averaged(time_basis, time, context.block)
         return out
 
 

@@ -15,8 +15,7 @@ A record effect is linearised once, about the record that noise-free instruments
 motion (`noise_free_flights`): half the difference of the records at plus and minus one sigma of a component, by
 channel, becomes a history of the errors that the equations of motion and of measurement have (GYROS,
 ACCELEROMETERS, CROSSFLOW, ...). A moment that has a tolerance is one more such history. Each parameter counts
-sigmas, its prior is the unit Gaussian, and the equations are linear in it. `record_errors` is the entrance; a
-component that no equation observes is left out.
+sigmas, its prior is the unit Gaussian, and the equations are linear in it (`record_errors`).
 """
 
 from __future__ import annotations
@@ -138,12 +137,8 @@ def _name(column: Regressor) -> str:
 
 def unique(names: Sequence[str]) -> tuple[str, ...]:
     """The names, a number after each that stood before."""
-    counts: dict[str, int] = {}
-    out = []
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        out.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
-    return tuple(out)
+    counts = [names[:k].count(name) + 1 for k, name in enumerate(names)]
+    return tuple(name if count == 1 else f"{name} ({count})" for name, count in zip(names, counts, strict=True))
 
 
 def of_flight(name: str, flight: int) -> str:

@@ -8,8 +8,7 @@ of length h (Hargraves and Paris, J. Guidance 10, 1987)
     x_mid  = (x_k + x_k+1) / 2 + h / 8 (f_k - f_k+1)
     defect = x_k+1 - x_k - h / 6 (f_k + 4 f_mid + f_k+1)
 
-which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion. Entrances:
-`evaluate`, `jacobian`, `evaluate_segment`, `linearise_segment`.
+which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion.
 """
 
 from __future__ import annotations

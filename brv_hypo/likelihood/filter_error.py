@@ -7,7 +7,7 @@ For linear dynamics, and to the order of Laplace's approximation otherwise,
 
 with C(Q, R) the covariance of the outputs and K, D the matrices of `elimination` (Schweppe, IEEE Trans. Information
 Theory 11 (1965) 61). At Q = 0 it is that of R and output error remains. `determinant` is what C adds, the initial state
-held; `determinant_gradient` its derivative by theta, the states following.
+held; `determinant_gradients` their derivatives by theta, the states following.
 
 C is linear in the variances. They are estimated by Fisher scoring of their logarithms, free initial states and theta
 integrated out, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson, Biometrika 58 (1971)
@@ -15,8 +15,7 @@ integrated out, which adds 1/2 log det I(theta) (restricted likelihood: Patterso
 Hessian is minus half the second derivative of log det C + log det I.
 
 Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
-with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
-`scored` and `noise_errors`, which also says which variances went to 0.
+with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta.
 """
 
 from __future__ import annotations
@@ -81,14 +80,8 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
-def determinant_gradient(problem: Problem, iterate: Iterate, segments: Segments) -> FloatArray:
-    """Its derivative by theta, (p,), the states following."""
-    here = [(problem.process_noise, iterate.variance)]
-    return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
-
-
-def _determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
-    """Derivatives of the determinants by theta, the states following, (k, p)."""
+def determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
+    """Derivatives of the determinants with several variances by theta, the states following, (k, p)."""
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
     for i, name in enumerate(names):
@@ -336,7 +329,7 @@ def with_unknown_variances(here: Solved, score: Score, segments: Segments, covar
     if not known.size or not weight.size:
         return covariance
     factors = 1.0 + _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
-    gradients = _determinant_gradients(here.problem, here.iterate, segments, here.variances(factors))
+    gradients = determinant_gradients(here.problem, here.iterate, segments, here.variances(factors))
     for row, solved in zip(gradients, here.with_factors(factors), strict=True):
         triangle = information_factor(solved.segments, row.size)
         row += triangle[:, :-1].T @ triangle[:, -1]  # of the objective, the states following

@@ -15,7 +15,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Segments
-from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradients, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
@@ -172,7 +172,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         if noisy and not since_gradient <= _FAR:
-            gradient, since_gradient = determinant_gradient(problem, iterate, segments), 0.0
+            here = [(problem.process_noise, iterate.variance)]
+            gradient, since_gradient = determinant_gradients(problem, iterate, segments, here)[0], 0.0
         step = gauss_newton_step(problem, iterate, segments, gradient)
         since_gradient, since_near = since_gradient + step.length, since_near + step.length
         if not np.isfinite(step.length):

@@ -3,8 +3,7 @@
 States are read off the outputs, then smoothed with the dynamics held loosely. A model that is not quite right has more
 than one optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long
 gap the outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion
-across. Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances:
-`begin`, `best_of`, `bridged`, `refine`.
+across. Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one.
 """
 
 from __future__ import annotations

@@ -147,10 +147,9 @@ class RandomWalkSmoother:
         known: FloatArray | None = None,
         rough: float = 0.0,
     ) -> None:
-        self.record = record
+        self.record, self.rough = record, rough
         self.responses = no_responses(record) if responses is None else responses
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
-        self.rough = rough
         self.shared = GRAVITY_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
         # Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide.
