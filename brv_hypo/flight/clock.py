@@ -30,7 +30,6 @@ from brv_hypo.io.text import refusal
 # of a channel's white noise.
 NOISE_DIFFERENCES = 8
 
-
 MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh
 CLOCK_FLANK = 6  # samples on either side of an odd interval
@@ -62,9 +61,7 @@ def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
 
 
 def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[FloatArray, Channels, tuple[str, ...]]:
-    """Uniform time (m,), channels (m,) with NaN where missing, and notes; FlightRecordError where it would be mostly
-    empty.
-    """
+    """Uniform time (m,), channels (m,) with NaN where missing, notes; FlightRecordError if it would be mostly empty."""
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
     if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:

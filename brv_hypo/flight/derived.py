@@ -25,7 +25,6 @@ AVERAGED_PER_CYCLE = 96  # samples left to a cycle of the fastest motion
 AVERAGED_BEYOND = 20_000  # samples up to which a record is analysed as it is; bounds the time
 AVERAGED_LEFT = 4_000  # samples left of a longer one at least
 
-
 # Notes of what follows from the speed, and so is no witness of its units.
 DENSITY_FOLLOWS = "density derived from dynamic pressure and velocity"
 PRESSURE_FOLLOWS = "dynamic pressure derived from density and velocity"

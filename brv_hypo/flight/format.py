@@ -197,7 +197,6 @@ READ = {
 NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
-
 Quantity = Dataset  # a planted value of any shape with its units, for the group `truth`
 
 

@@ -43,7 +43,6 @@ INSPECTED_PER_CYCLE = 10.0  # samples
 FILTERED_TO, FILTERED_PARTS = 0.3, 8
 FILTERED_ABOVE = (8.0, 0.1)  # times the motion's frequency, and of half the sample rate: what is noise
 
-
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
 
 

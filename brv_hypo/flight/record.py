@@ -41,7 +41,6 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
 Channels = dict[str, FloatArray]
 
-
 Line = Annotated[str, AfterValidator(one_line)]
 Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]

@@ -19,7 +19,6 @@ from brv_hypo.io.text import meant, refusal
 
 TOLERANCE_LEAST = 1e-3  # share of the laboratory's that a tolerance stated as zero counts as: nothing is known exactly
 
-
 Vector = tuple[float, float, float]
 
 DEFAULT_GRADE = "tactical"

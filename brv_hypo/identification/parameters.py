@@ -345,7 +345,6 @@ class Tolerated:
 
 Histories = Mapping[str, FloatArray]  # by course name, (n,) over a flight's samples; one that it lacks is not touched
 
-
 RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated value of a flight does
 
 

@@ -53,7 +53,6 @@ COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere on average: the path turns as well
 
-
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
 
 

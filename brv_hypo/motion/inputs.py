@@ -31,7 +31,6 @@ INPUT_MOST_SHAPES = 40  # and at most
 INPUT_SIGNIFICANT = 0.5  # sigmas of the rates' noise from which a shape is significant
 INPUT_FOLLOWED = 1.2  # what a spline that follows its input may leave, in white noise of the channel
 
-
 ROLL_RATE = "roll rate noise"
 PRESSURE = "pressure noise"
 

@@ -21,7 +21,6 @@ from brv_hypo.arrays import FloatArray, IntArray, Values
 
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 
-
 _FEWEST = 4  # samples from which splines have no knot at the second and the last but one
 NEAREST = 6  # nodes that a place lies between: degree 5
 _MOST_KEPT = 20_000  # samples up to which all are kept

@@ -37,7 +37,6 @@ NODE_WOUND = 0.5
 NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
 
-
 # ---- Angles, elementwise over arrays of any one shape ----
 
 

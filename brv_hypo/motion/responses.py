@@ -28,7 +28,6 @@ RESPONSE_STEP = 1e-2
 GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
-
 Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
 AT_ONCE = 60_000  # samples of perturbed records that are held at once, some 200 bytes each
 MOST_NAMED = 3  # errors named where none can be corrected

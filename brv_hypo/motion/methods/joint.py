@@ -82,13 +82,11 @@ MOTION_ROUGH = 0.01  # of the crossflow's rms, to which the motion is found abou
 MOTION_LINEARISATIONS = 6
 MOTION_MOVED = 0.1
 
-
 _RAN_AWAY = (
     "the attitude to the wind diverges from step to step instead of converging: forces and rates of this record do not "
     "belong to one motion. Likely causes: wrong axes, signs or units, or errors beyond all tolerance. See `brv-hypo "
     "inspect`, or take `--method rates`, which uses the gyros alone."
 )
-
 
 Measurements = tuple[MeasurementModel, ...]  # the normal force, and the static moment where that is too little
 StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) from which a fit may begin
