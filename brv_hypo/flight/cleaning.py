@@ -3,17 +3,16 @@
 Entrances: `mask_faults`, `interpolated_holds`.
 
 Stuck or clipped: a channel that is quantised, slow, or sampled and held repeats its values by nature. A run of
-constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step
-of the channel comes near; a flat top only where the extreme value is held far more often than the values beside it.
-Burst: 3 to 60 samples between two edges (a third difference beyond 8 robust standard deviations and 3 times any
-other around, as large as the departure to a factor of two), which the quintic through 8 samples on either side
-passes at more than 8 standard deviations of the channel's noise.
-Spike: one or two samples more than 8 robust standard deviations off the cubic through two samples on either side,
-and more than twice the largest second difference around: a sinusoid of any frequency reaches
-(2 sin(w h / 2))^2 / 6 < 2/3 of that, a step or a kink 1. Or 2.5 times the largest fourth difference: a kink
-reaches 1, a step 0.6, a sinusoid near the sampling rate 2.02 (tests/flight/test_spikes.py). A channel with more
-than 2 % of spikes is left as it is: they are its noise.
-What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a decisive fault is reported.
+constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step of the
+channel comes near; a flat top only where the extreme value is held far more often than the values beside it.
+Burst: 3 to 60 samples between two edges (a third difference beyond 8 robust standard deviations and 3 times any other
+around, as large as the departure to a factor of two), which the quintic through 8 samples on either side passes at more
+than 8 standard deviations of the channel's noise.
+Spike: one or two samples more than 8 robust standard deviations off the cubic through two samples on either side, and
+more than twice the largest second difference around: a sinusoid of any frequency reaches (2 sin(w h / 2))^2 / 6 < 2/3
+of that, a step or a kink 1. Or 2.5 times the largest fourth difference: a kink reaches 1, a step 0.6, a sinusoid near
+the sampling rate 2.02 (tests/flight/test_spikes.py). A channel with more than 2 % of spikes is left as it is: they are
+its noise. What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a decisive fault is reported.
 """
 
 from __future__ import annotations
@@ -26,16 +25,7 @@ from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.flight.clock import (
-    JUMP_FLANK,
-    MAD_TO_SIGMA,
-    bridge,
-    joint_jumps,
-    places_with_gaps,
-    runs,
-    sigma_of_differences,
-    stamped_steps,
-)
+from brv_hypo.flight import clock
 from brv_hypo.flight.record import INERTIAL_CHANNELS, Channels, RecordFault
 from brv_hypo.io.text import counted
 
@@ -48,6 +38,10 @@ SPIKE_NEIGHBOURS = 4  # samples on either side
 SPIKE_PASSES = 4  # as spikes hide each other
 BURST_FLANK = 8  # samples on either side, through which a polynomial goes
 BURST_ORDER = 5  # its degree
+EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one
+STOP_AT_ZERO = ("velocity", "dynamic_pressure")
+TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
+MOST_NAMED = 5
 
 
 def find_holds(values: FloatArray) -> IntArray | None:
@@ -109,7 +103,7 @@ def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
     if share > 1.0 - 1.0 / limits.STUCK_FEWEST_SAMPLES:
         return ()
     shortest = np.log(limits.STUCK_CHANCE / values.size) / np.log(share)
-    stretches = runs(equal)
+    stretches = clock.runs(equal)
     lengths = np.array([stop - start for start, stop in stretches])
     found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
     if not repeats:
@@ -136,7 +130,7 @@ def flat_tops(values: FloatArray) -> BoolArray:
     near = slice(1, 1 + FLAT_LEVELS)
     for level, own, others in ((levels[-1], counts[-1], counts[::-1][near]), (levels[0], counts[0], counts[near])):
         at = values == level
-        lengths = [stop - start for start, stop in runs(at)]
+        lengths = [stop - start for start, stop in clock.runs(at)]
         # A single stretch at one value is a channel that is stuck, at whatever height.
         if own < limits.FLAT_SAMPLES or len(lengths) < 2 or not others.size:
             continue
@@ -163,9 +157,6 @@ def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
     return float(size * begins * goes_on ** (length - 1))
 
 
-EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one
-
-
 def find_bursts(values: FloatArray) -> BoolArray:
     """Which samples of `values` (n,), NaN where missing, belong to bursts; none if too many would."""
     found = np.zeros(values.size, dtype=np.bool_)
@@ -176,19 +167,17 @@ def find_bursts(values: FloatArray) -> BoolArray:
     around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
     around[:2] = around[-1:] = np.nan
     third = jumps - around
-    finite = third[np.isfinite(third)]
-    scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
-    size = np.nan_to_num(np.abs(third))
+    finite, size = third[np.isfinite(third)], np.nan_to_num(np.abs(third))
+    scale = clock.MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
     peaks = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
-    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale))
-    if scale == 0.0 or edges.size > limits.BURST_MOST_EDGES:
+    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale)).tolist()
+    if scale == 0.0 or len(edges) > limits.BURST_MOST_EDGES:
         return found
-    sigma = sigma_of_differences([values])
+    sigma = clock.sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
-            if not limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST or np.any(found[start:stop]):
-                continue
-            if _is_burst(values, third, int(start), int(stop), sigma):
+            length = limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST
+            if length and not np.any(found[start:stop]) and _is_burst(values, third, start, stop, sigma):
                 found[start:stop] = True
                 break
     return found if np.count_nonzero(found) <= limits.BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
@@ -234,13 +223,13 @@ def find_spikes(values: FloatArray) -> BoolArray:
             break
         found |= fresh
         cleaned[fresh] = np.nan
-        cleaned = np.where(found, bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
+        cleaned = np.where(found, clock.bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
     return found if np.count_nonzero(found) <= limits.SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:
     """`values` (n,) at `time` (n,) with `spikes` (n,) replaced by a cubic spline through the others."""
-    return bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
+    return clock.bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
 
 
 def despiked(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, dict[str, BoolArray], list[str]]:
@@ -283,7 +272,7 @@ def _scale(departure: FloatArray, values: FloatArray) -> float:
     steps = steps[steps > 0.0]
     if finite.size == 0 or steps.size == 0:
         return float(np.inf)
-    return max(MAD_TO_SIGMA * float(np.median(np.abs(finite))), 0.5 * float(steps.min()))
+    return max(clock.MAD_TO_SIGMA * float(np.median(np.abs(finite))), 0.5 * float(steps.min()))
 
 
 @cache
@@ -297,11 +286,6 @@ def _cubic_weights(length: int) -> FloatArray:
 # ---- What a trial of the record finds, and the faults of single channels that it masks ----
 
 
-STOP_AT_ZERO = ("velocity", "dynamic_pressure")
-TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
-MOST_NAMED = 5
-
-
 def mask_faults(
     time: FloatArray, channels: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, Channels, tuple[RecordFault, ...]]:
@@ -310,42 +294,32 @@ def mask_faults(
     Only what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
-    steady, faults = time.copy(), []
-    for at, excess in stamped_steps(time, tried):
+    steady, faults, masked = time.copy(), [], dict(channels)
+    for at, excess in clock.stamped_steps(time, tried):
         steady[at:] -= excess
         action = f"the samples run on: later stamps moved by {-excess:.4g} s"
         faults.append(RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action))
-    places = places_with_gaps(steady, JUMP_FLANK)
-    masked = dict(channels)
-    dead = _dead(steady, tried)
+    # Where each sample lies on an axis that has a place for what its gaps miss, a flank at most in each.
+    steps = np.diff(steady) / float(np.median(np.diff(steady)))
+    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, clock.JUMP_FLANK), 0.0)
+    places, dead = np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64)))), _dead(steady, tried)
     for name, values in tried.items():
-        if name in dead:
-            faults.append(dead[name])
-            continue
-        masked[name], found = _mask_channel(name, steady, values, places)
+        masked[name], found = (values, [dead[name]]) if name in dead else _mask_channel(name, steady, values, places)
         faults += found
-    faults += _jumps(steady, masked, places)
-    return steady, masked, tuple(faults)
-
-
-def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArray) -> list[RecordFault]:
-    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count.
-
-    Across a gap that the stamps show, the motion was continuous.
-    """
-    channels_without_spikes = {
-        name: _spread(np.where(find_spikes(channels[name]), np.nan, channels[name]), places)
+    # Where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count. Across a
+    # gap that the stamps show, the motion was continuous.
+    unspiked = {
+        name: _spread(np.where(find_spikes(masked[name]), np.nan, masked[name]), places)
         for name in INERTIAL_CHANNELS
-        if name in channels
+        if name in masked
     }
     action = (
         "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
         "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
     )
-    return [
-        RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action, decisive=True)
-        for at in np.searchsorted(places, joint_jumps(channels_without_spikes))
-    ]
+    for at in np.searchsorted(places, clock.joint_jumps(unspiked)):
+        faults.append(RecordFault.over(steady[at - 1 : at + 1], "time", "clock step", action, decisive=True))
+    return steady, masked, tuple(faults)
 
 
 def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, RecordFault]:
@@ -356,7 +330,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
         for name in INERTIAL_CHANNELS
         if name in channels
         and name not in constant
-        and sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
+        and clock.sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
     speed = channels["velocity"]
     # What speed, or what is sensed along the axis, says that a constant gauge must have missed.
@@ -367,7 +341,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
     for name in constant:
         changes = missed.get(name, 0.0) > limits.DEAD_CHANGE * float(np.nanmax(speed))
         if (name in INERTIAL_CHANNELS and noisy) or changes:
-            value = float(channels[name][np.isfinite(channels[name])][0])
+            value = np.nanmax(channels[name])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault.over(time, name, "dead", action, decisive=True)
     return found
@@ -399,9 +373,7 @@ def _mask_channel(
     )
     masked, faults = values, []
     for kind, found, most, words in kinds:
-        if not np.any(found):
-            continue
-        share = float(np.mean(found))
+        share, stretches = float(np.mean(found)), clock.runs(found)
         if share > most:
             action = (
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
@@ -410,7 +382,6 @@ def _mask_channel(
             faults.append(RecordFault.over(time[found], name, kind, action, decisive=True))
             continue
         masked = np.where(found, np.nan, masked)
-        stretches = runs(found)
         if len(stretches) > MOST_NAMED:
             action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
             faults.append(RecordFault.over(time[found], name, kind, action))

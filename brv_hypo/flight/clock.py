@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
 
@@ -30,9 +30,20 @@ from brv_hypo.io.text import refusal
 # of a channel's white noise.
 NOISE_DIFFERENCES = 8
 
-
 MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh
+CLOCK_FLANK = 6  # samples on either side of an odd interval
+# A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
+# deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
+JUMP_FLANK = 8
+JUMP_AROUND = 5
+# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
+CROSSED_CYCLES = 1.0 / 8.0
+CROSSED_FLANK = 8  # samples on either side at least
+CROSSED_ORDER = 5  # of the polynomial
+TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
+TREND = 3  # degree of the polynomial through a rate that is no motion
+ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
 
 
 def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
@@ -49,25 +60,8 @@ def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
     return scale * float(np.median(np.abs(finite))) / math.sqrt(math.comb(2 * NOISE_DIFFERENCES, NOISE_DIFFERENCES))
 
 
-# ---- Uniform time, gaps, steps of the clock ----
-
-
-CLOCK_FLANK = 6  # samples on either side of an odd interval
-# A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
-# deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
-JUMP_FLANK = 8
-JUMP_AROUND = 5
-# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
-CROSSED_CYCLES = 1.0 / 8.0
-CROSSED_FLANK = 8  # samples on either side at least
-CROSSED_ORDER = 5  # of the polynomial
-
-
 def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[FloatArray, Channels, tuple[str, ...]]:
-    """Uniform time (m,), the channels (m,) on it with NaN where missing, and a note on what was done.
-
-    Raises FlightRecordError where `time` jumps so far that a uniform grid would be mostly empty.
-    """
+    """Uniform time (m,), channels (m,) with NaN where missing, notes; FlightRecordError if it would be mostly empty."""
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
     if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:
@@ -93,13 +87,6 @@ def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Fl
     return grid, placed, (note,)
 
 
-def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
-    """Where each sample (n,) lies on an axis that has a place for what its gaps miss, `longest` at most in each."""
-    steps = np.diff(time) / float(np.median(np.diff(time)))
-    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
-    return np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64))))
-
-
 def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
     """`values` (n,) at `time` (n,), gaps of at most `longest` samples filled by a cubic spline."""
     from scipy.interpolate import CubicSpline
@@ -108,11 +95,10 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
     known = np.flatnonzero(~missing)
     if known.size == values.size or known.size < 4:
         return values
-    short = np.zeros_like(missing)
+    filled, spline = values.copy(), CubicSpline(time[known], values[known])
     for start, stop in runs(missing):
-        short[start:stop] = start > 0 and stop < values.size and stop - start <= longest
-    filled = values.copy()
-    filled[short] = CubicSpline(time[known], values[known])(time[short])
+        if start > 0 and stop < values.size and stop - start <= longest:
+            filled[start:stop] = spline(time[start:stop])
     return filled
 
 
@@ -188,10 +174,7 @@ def _resampled(
 
 
 def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise: float = 0.0) -> float:
-    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies.
-
-    That of the highest peak of a periodogram, whose power is more than `times_noise` the median.
-    """
+    """Frequency of the strongest motion in q and r (n,), Hz; 0 without power of `times_noise` the median."""
     frequencies = [0.0]
     for rate in (q, r):
         if np.count_nonzero(np.isfinite(rate)) >= 4:
@@ -200,11 +183,6 @@ def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise:
             peak = spectrum.max() ** 2 > times_noise * np.median(spectrum**2)
             frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if peak else 0.0)
     return max(frequencies)
-
-
-TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
-TREND = 3  # degree of the polynomial through a rate that is no motion
-ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
 
 
 def less_trend(rate: FloatArray) -> FloatArray:

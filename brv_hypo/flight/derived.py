@@ -25,7 +25,6 @@ AVERAGED_PER_CYCLE = 96  # samples left to a cycle of the fastest motion
 AVERAGED_BEYOND = 20_000  # samples up to which a record is analysed as it is; bounds the time
 AVERAGED_LEFT = 4_000  # samples left of a longer one at least
 
-
 # Notes of what follows from the speed, and so is no witness of its units.
 DENSITY_FOLLOWS = "density derived from dynamic pressure and velocity"
 PRESSURE_FOLLOWS = "dynamic pressure derived from density and velocity"
@@ -74,7 +73,12 @@ def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: fl
     if not (wanted and earth and "density" in known):
         return known, notes
     if "altitude" in wanted:
-        known["altitude"] = _altitude_of_density(known["density"])
+        # Log-linear on a 50 m grid and at the bends between layers, within 0.1 m of the exact inverse; else the ends.
+        bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
+        grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
+        with np.errstate(divide="ignore"):
+            fallen = -np.log(known["density"])
+        known["altitude"] = np.interp(fallen, -np.log(atmosphere(grid, "density")), grid)
         beyond = _beyond(known["altitude"])
         notes.append(f"{ALTITUDE_FOLLOWS} in the Earth standard atmosphere{beyond}")
     end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
@@ -100,18 +104,6 @@ def atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
     return result
 
 
-def _altitude_of_density(density: FloatArray) -> FloatArray:
-    """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
-
-    Log-linear on a 50 m grid and at the bends between layers, within 0.1 m of the exact inverse.
-    """
-    bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
-    grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
-    fall = -np.log(atmosphere(grid, "density"))
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.interp(-np.log(density), fall, grid))
-
-
 def _beyond(altitude: FloatArray) -> str:
     """What to say of samples beyond the ends of the standard atmosphere; empty where there are none."""
     outside = int(np.count_nonzero((altitude <= LOWEST_ALTITUDE) | (altitude >= HIGHEST_ALTITUDE)))
@@ -119,10 +111,7 @@ def _beyond(altitude: FloatArray) -> str:
 
 
 def averaged(flight: Flight) -> Flight:
-    """The flight with means of as many samples as its motion can spare; itself where it is short or has few to spare.
-
-    Samples that a segment's ends leave over belong to no mean.
-    """
+    """The flight as means of as many samples as its motion can spare; itself where it is short, or has few to spare."""
     # Of the fastest motion in body axes, coning or spin, a cycle keeps enough.
     coning, spin = transverse_frequency(flight.q, flight.r, flight.step), np.max(np.abs(flight.p)) / (2.0 * np.pi)
     fastest = max(coning, float(spin))

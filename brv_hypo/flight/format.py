@@ -8,7 +8,7 @@ a `Flight`, a simulated flight, or a sequence of these.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -31,7 +31,6 @@ from brv_hypo.flight.record import (
     Flight,
     Record,
     RecordFault,
-    Vehicle,
     check_present,
     checked_vehicle,
     validated,
@@ -61,9 +60,8 @@ _ABOUT = ("instruments", "planet", "title", "source", "path")  # what a record a
 
 
 def assemble(record: Record) -> Flight:
-    """The flight of a record; its notes say, in order, all that was changed, derived or left out.
-
-    Raises FlightRecordError where no stretch of 16 samples has every channel that is needed.
+    """The flight of a record, notes on all that was changed; FlightRecordError without 16 samples in which all is
+    known.
     """
     stamps, masked, masks = mask_faults(record.time, record.channels)
     masked, holds = interpolated_holds(stamps, masked)
@@ -110,10 +108,7 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
 
 
 def unassemble(flight: Flight) -> Record:
-    """The record of a flight: NaN outside its segments, so that a cut outlives a round trip.
-
-    Raises FlightRecordError where the flight, built by hand perhaps, is not a valid record.
-    """
+    """The record of a flight, NaN outside its segments, so that cuts stay; FlightRecordError where it is not valid."""
     usable, channels = flight.measured(), dict(flight.columns())
     time = channels.pop("time")
     for name, values in channels.items():
@@ -202,7 +197,6 @@ READ = {
 NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
-
 Quantity = Dataset  # a planted value of any shape with its units, for the group `truth`
 
 
@@ -247,10 +241,7 @@ def load_flight(
 
 
 def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
-    """The part of the flight from `start` to `stop` (s; None leaves an end open), if long enough to use.
-
-    Raises UsageError where it is not.
-    """
+    """The part of the flight from `start` to `stop` (s; None leaves an end open); UsageError where it is too short."""
     if start is None and stop is None:
         return flight
     window = flight.window(start, stop)
@@ -274,10 +265,8 @@ def save_flight(
     record = flight if isinstance(flight, Record) else unassemble(flight)
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
-    channels = {"time": record.time, **record.channels}
     grade = of_grade(record.instruments.grade)
-    tolerances = record.instruments.values()
-    stated = {key: value for key, value in tolerances.items() if value != getattr(grade, key)}
+    stated = {key: value for key, value in record.instruments.values().items() if value != getattr(grade, key)}
     groups = {
         "vehicle": Tree(datasets=_with_units(vars(record.vehicle), VEHICLE_DIMENSIONS)),
         "instruments": Tree({"grade": grade.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
@@ -286,7 +275,7 @@ def save_flight(
         groups["truth"] = _truth_tree(truth)
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
-        datasets=_with_units(channels, CHANNEL_DIMENSIONS),
+        datasets=_with_units({"time": record.time, **record.channels}, CHANNEL_DIMENSIONS),
         groups=groups,
     )
     write_tree(path, tree, overwrite=overwrite)
@@ -296,22 +285,38 @@ write_with.append(save_flight)
 
 
 def read_record(path: str | Path) -> Record:
-    """The flight as the file holds it, in SI and validated, before anything is repaired or derived.
-
-    Raises FlightRecordError with the file, the dataset, what was found and expected, and the remedy.
-    """
+    """The flight as the file holds it, in SI, before any repair; FlightRecordError where it is invalid."""
     tree = read_tree(path, only=READ)
     with naming(path):
-        _check_format(tree.attributes)
+        for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
+            if tree.attributes.get(name) != value:
+                raise refusal(
+                    f"/ (root attribute '{name}')",
+                    repr(tree.attributes.get(name, "nothing")),
+                    repr(value),
+                    "another kind of HDF5 file, or a record of a newer program",
+                    "bring it in with `brv-hypo import`, which maps names and units, or update the program",
+                )
         unread = [name for name in tree.unread if name not in NOT_READ]
         check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
+        vehicle = tree.groups.get("vehicle")
+        if vehicle is None:
+            raise refusal(
+                "vehicle",
+                "no such group",
+                f"a group with {', '.join(VEHICLE_DIMENSIONS)}",
+                "mass properties kept in another file",
+                "add them, each a scalar dataset with 'units'",
+            )
+        properties = _in_si(vehicle.datasets, VEHICLE_DIMENSIONS, "vehicle/")
+        scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in properties.items()}
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
         content = {
             "time": arrays.pop("time"),
             "channels": arrays,
-            "vehicle": _vehicle(tree.groups.get("vehicle")),
+            "vehicle": checked_vehicle(scalars),
             "instruments": _instruments(tree.groups.get("instruments")),
             **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),
@@ -319,32 +324,6 @@ def read_record(path: str | Path) -> Record:
             "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(unread)),
         }
         return validated(Record, content)
-
-
-def _check_format(attributes: Mapping[str, Any]) -> None:
-    for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
-        if attributes.get(name) != value:
-            raise refusal(
-                f"/ (root attribute '{name}')",
-                repr(attributes.get(name, "nothing")),
-                repr(value),
-                "another kind of HDF5 file, or a record of a newer program",
-                "bring it in with `brv-hypo import`, which maps names and units, or update the program",
-            )
-
-
-def _vehicle(group: Tree | None) -> Vehicle:
-    if group is None:
-        raise refusal(
-            "vehicle",
-            "no such group",
-            f"a group with {', '.join(VEHICLE_DIMENSIONS)}",
-            "mass properties kept in another file",
-            "add them, each a scalar dataset with 'units'",
-        )
-    values = _in_si(group.datasets, VEHICLE_DIMENSIONS, "vehicle/")
-    scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in values.items()}
-    return checked_vehicle(scalars)
 
 
 def _instruments(group: Tree | None) -> Instruments:
@@ -376,15 +355,13 @@ def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension],
     return arrays
 
 
-def _ignored(names: Sequence[str]) -> tuple[str, ...]:
+def _ignored(names: Sequence[str]) -> Iterator[str]:
     """A note for each dataset that format 1 does not know, with the channel that may have been meant."""
-    notes = []
     for name in map(one_line, sorted(names)[:MOST_NOTES]):
         hint = meant(name.lower(), CHANNEL_DIMENSIONS, "", 0.7)
-        notes.append(f"dataset '{name}' is not part of format 1 and was ignored{hint and f' ({hint})'}")
+        yield f"dataset '{name}' is not part of format 1 and was ignored{hint and f' ({hint})'}"
     if len(names) > MOST_NOTES:
-        notes.append(f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored")
-    return tuple(notes)
+        yield f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored"
 
 
 def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) -> dict[str, Dataset]:
@@ -392,9 +369,7 @@ def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) 
 
 
 def _truth_tree(truth: Mapping[str, Any]) -> Tree:
-    attributes: dict[str, Any] = {}
-    datasets: dict[str, Dataset] = {}
-    groups: dict[str, Tree] = {}
+    attributes, datasets, groups = dict[str, Any](), dict[str, Dataset](), dict[str, Tree]()
     for name, value in truth.items():
         if isinstance(value, Mapping):
             groups[name] = _truth_tree(value)
@@ -418,10 +393,7 @@ FlightSource = str | Path | Flight | HoldsFlight
 
 
 def one_flight(source: FlightSource) -> Flight:
-    """The flight of a path, a `Flight` or a simulated flight.
-
-    Raises UsageError for anything else, and FlightRecordError for a Flight with values that are not finite.
-    """
+    """The flight of a path, a `Flight` or a simulated one; UsageError for others, FlightRecordError if not finite."""
     if isinstance(source, str | Path):
         return load_flight(source)
     flight = getattr(source, "flight", source)

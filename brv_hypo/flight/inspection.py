@@ -1,10 +1,9 @@
 """What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect`; phases of a rocket's flight.
 
-On the pad the axial accelerometer reads gravity; while the motor burns it reads much more; coasting, drag makes it
-read less than nothing; a parachute jerks (`find_phases`). Thrust and a changing mass are in no model of the
-moments: of a rocket's flight only the coast can be compared. A record of an entry has no phase but, at its end,
-the parachute.
-The white noise of a channel is trusted where its spectrum is level over the upper half of the band.
+On the pad the axial accelerometer reads gravity; while the motor burns it reads much more; coasting, drag makes it read
+less than nothing; a parachute jerks (`find_phases`). Thrust and a changing mass are in no model of the moments: of a
+rocket's flight only the coast can be compared. A record of an entry has no phase but, at its end, the parachute. The
+white noise of a channel is trusted where its spectrum is level over the upper half of the band.
 """
 
 from __future__ import annotations
@@ -44,7 +43,6 @@ INSPECTED_PER_CYCLE = 10.0  # samples
 FILTERED_TO, FILTERED_PARTS = 0.3, 8
 FILTERED_ABOVE = (8.0, 0.1)  # times the motion's frequency, and of half the sample rate: what is noise
 
-
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
 
 
@@ -68,10 +66,19 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
     axial = median_filter(joined(ax), width, mode="nearest")
     force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
-    resting = np.abs(axial - GRAVITY) < REST_OFF
-    least = max(2, round(PHASE_SHORTEST / step))
-    ignition, burnout = _burn(axial, least)
-    jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
+    resting, least = np.abs(axial - GRAVITY) < REST_OFF, max(2, round(PHASE_SHORTEST / step))
+    ignition = burnout = 0
+    thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)  # the first that lasts
+    if thrust is not None:
+        rested = np.flatnonzero(resting[: thrust[0]])
+        ignition = int(rested[-1]) + 1 if rested.size else thrust[0]
+        dragged = (run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least)
+        burnout = next(dragged, (axial.size,))[0]
+    # A parachute opens at the first sample at which the force leaves what it was.
+    before = max(2, round(PARACHUTE_BEFORE / step))
+    pulls = (int(at) for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY) if at >= burnout + before)
+    opens = (at for at in pulls if force[at] > PARACHUTE_TIMES * np.median(force[at - before : at - before // 4]))
+    jerk = next(opens, force.size)
     edges: dict[PhaseName, tuple[int, int]] = {
         "pad": (0, ignition if ignition and np.mean(resting[:ignition]) > PHASE_RESTING else 0),
         "burn": (ignition, burnout),
@@ -83,41 +90,12 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     return tuple(Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least)
 
 
-def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
-    """Where the first thrust that lasts begins and ends; (0, 0) where there is none."""
-    thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)
-    if thrust is None:
-        return 0, 0
-    before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < REST_OFF)
-    ignition = int(before[-1]) + 1 if before.size else thrust[0]
-    dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
-    return ignition, dragged[0][0] if dragged else axial.size
-
-
-def _jerk(force: FloatArray, begin: int, before: int) -> int:
-    """The first sample at which the force leaves what it was, as at a parachute's opening; the end without one."""
-    for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY):
-        if at < begin + before:
-            continue
-        usual = float(np.median(force[at - before : at - before // 4]))
-        if force[at] > PARACHUTE_TIMES * usual:
-            return int(at)
-    return force.size
-
-
-# ---- What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect` ----
-
-
 @dataclass(frozen=True)
 class Noise:
-    """White-noise standard deviation `sigma`, in the units of the values.
+    """White noise of a channel."""
 
-    `trusted` is False where motion, coloured or quantised noise, or too few samples spoil the estimate, which
-    is then no more than a guide.
-    """
-
-    sigma: float
-    trusted: bool
+    sigma: float  # its standard deviation, in the units of the values
+    trusted: bool  # False where motion, coloured or quantised noise or too few samples leave no more than a guide
 
 
 @dataclass(frozen=True)
@@ -161,10 +139,7 @@ class Inspection:
 
 
 def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None) -> Inspection:
-    """Inspect a format 1 file, as recorded, or a flight in memory; from `start` to `stop` in s.
-
-    Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.
-    """
+    """Inspect a format 1 file or a flight in memory from `start` to `stop` (s); FlightRecordError if unusable."""
     record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
     ready = windowed(flight if isinstance(flight, Flight) else assemble(record), start, stop)
     first = np.searchsorted(record.time, -np.inf if start is None else start, side="left")
@@ -178,16 +153,15 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
             channels.append(_channel(name, time, recorded[name], units, derived=False))
         elif (values := getattr(ready, name)) is not None:
             channels.append(_channel(name, ready.time, values, si, derived=True))
-    steps = [held_or_rounded(name, time, values) for name, values in recorded.items()]
     frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
     phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
+    warnings = _warnings(channels, per_cycle, phases)
+    warnings += [FILTERED] if low_passed(ready) else []
+    warnings += filter(None, (held_or_rounded(name, time, values) for name, values in recorded.items()))
     pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
     return Inspection(
-        path=record.path,
-        title=record.title,
-        source=record.source,
-        planet=record.planet,
+        **{name: getattr(record, name) for name in ("path", "title", "source", "planet")},
         samples=int(time.size),
         start=float(time[0]),
         stop=float(time[-1]),
@@ -201,19 +175,12 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
         vehicle=ready.vehicle,
         phases=phases,
         notes=ready.notes,
-        warnings=(
-            *_warnings(channels, per_cycle, phases),
-            *([FILTERED] if low_passed(ready) else []),
-            *filter(None, steps),
-        ),
+        warnings=tuple(warnings),
     )
 
 
 def white_noise(values: FloatArray) -> Noise:
-    """White-noise sigma of `values` (n,), NaN where missing, from their differences of high order.
-
-    Trusted by the periodogram of the longest run, which spikes spoil: take them out first.
-    """
+    """White-noise sigma of `values` (n,), NaN where missing, no spikes; trusted by the longest run's periodogram."""
     sigma = sigma_of_differences([values])
     if np.isnan(sigma):
         return Noise(sigma, trusted=False)
@@ -260,15 +227,13 @@ def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | No
         return None
     unit, new = SI[CHANNEL_DIMENSIONS[name]], find_holds(values)
     if new is not None:
-        every, step = (float(np.median(np.abs(np.diff(each[new])))) for each in (time, values))
+        rate, step = 1.0 / np.median(np.diff(time[new])), np.median(np.abs(np.diff(values[new])))
         advice = (
             "give it its own recorder and rate, or leave the repeated samples empty"
             if name in INERTIAL_CHANNELS
             else "it is interpolated between these"
         )
-        return (
-            f"{name} is held, a staircase: new values at {1.0 / every:.3g} Hz, in steps of {step:.3g} {unit}; {advice}"
-        )
+        return f"{name} is held, a staircase: new values at {rate:.3g} Hz, in steps of {step:.3g} {unit}; {advice}"
     quantum = float(np.min(np.abs(changes[moved])))
     counts = changes[moved] / quantum
     coarse = float(np.mean(changes == 0.0)) > limits.ROUNDED_REPEATS
@@ -308,11 +273,11 @@ def _warnings(channels: list[ChannelQuality], per_cycle: float, phases: tuple[Ph
             f"the noise of {', '.join(doubtful)} is not white, or is hidden by motion or rounding: its sigma "
             "is no more than a guide"
         )
-    coast = next((phase for phase in phases if phase.name == "coast"), None)
-    beside = [phase for phase in phases if phase.name != "coast"]
-    if not beside:
-        return warnings
-    intervals = ", ".join(f"{phase.name} {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in beside)
-    window = "" if coast is None else f": analyse the coast, --start {coast.start_s:.2f} --stop {coast.stop_s:.2f}"
-    act = "where thrust, rest or a parachute act, which no mechanism describes"
-    return [*warnings, f"the record holds {intervals}, {act}{window}"]
+    spans = {phase.name: (phase.start_s, phase.stop_s) for phase in phases}
+    coast = spans.pop("coast", None)
+    if spans:
+        intervals = ", ".join(f"{name} {start:.2f} to {stop:.2f} s" for name, (start, stop) in spans.items())
+        window = "" if coast is None else ": analyse the coast, --start {:.2f} --stop {:.2f}".format(*coast)
+        act = "where thrust, rest or a parachute act, which no mechanism describes"
+        warnings.append(f"the record holds {intervals}, {act}{window}")
+    return warnings

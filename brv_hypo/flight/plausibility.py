@@ -74,6 +74,8 @@ MISREAD_PRESSURES = {
 SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
+Air = tuple[FloatArray, FloatArray, FloatArray]
+"""Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,6 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
                 slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
                 return axis, speed, (start, top, top + int(slow[0]) if slow.size else time.size)
     return None
-
-
-Air = tuple[FloatArray, FloatArray, FloatArray]
-"""Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
 
 
 def air_of(channels: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray] | None:
@@ -372,9 +370,8 @@ def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFau
     line = np.polyfit(density[known], drag[known], 1)
     power, scatter = float(line[0]), float(np.std(drag[known] - np.polyval(line, density[known])))
     change = float(np.ptp(np.percentile(density[known], (5.0, 95.0))))
-    if limits.THINNING_WITHIN[0] < power < limits.THINNING_WITHIN[1] or abs(power - 1.0) * change < THINNING_LEAST:
-        return None
-    if scatter > THINNING_LEAST:  # drag of a body that tumbles goes with its attitude, not with the density alone
+    small = limits.THINNING_WITHIN[0] < power < limits.THINNING_WITHIN[1] or abs(power - 1.0) * change < THINNING_LEAST
+    if small or scatter > THINNING_LEAST:  # drag of a body that tumbles goes with its attitude, not the density alone
         return None
     words = (
         f"drag over speed squared changes by a factor of {np.exp(abs(power) * change):.3g}, where the density at the "

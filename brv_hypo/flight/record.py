@@ -41,10 +41,11 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
 Channels = dict[str, FloatArray]
 
-
 Line = Annotated[str, AfterValidator(one_line)]
 Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+write_with: list[Callable[..., None]] = []
+"""What `Flight.save` writes with: the format, which is made of flights, enters itself."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +96,9 @@ class RecordFault:
         """When it was, in words."""
         if self.start_s == self.stop_s:
             return f"at {self.start_s:.2f} s"
-        if self.of_single_samples and self.action.startswith("2 "):
-            return f"at {self.start_s:.2f} and {self.stop_s:.2f} s"
         if self.of_single_samples:
-            return f"first at {self.start_s:.2f} s, last at {self.stop_s:.2f} s"
+            words = "at {:.2f} and {:.2f} s" if self.action.startswith("2 ") else "first at {:.2f} s, last at {:.2f} s"
+            return words.format(self.start_s, self.stop_s)
         return f"{interval((self.start_s, self.stop_s))} s"
 
 
@@ -108,10 +108,6 @@ class RecordTrial:
 
     sound: bool = True
     faults: tuple[RecordFault, ...] = ()
-
-
-write_with: list[Callable[..., None]] = []
-"""What `Flight.save` writes with: the format, which is made of flights, enters itself."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -435,8 +431,7 @@ def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -
     try:
         return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
-        within = [problem.get("ctx", {}).get("error") for problem in error.errors()]
-        for own in within:
+        for own in (problem.get("ctx", {}).get("error") for problem in error.errors()):
             if isinstance(own, FlightRecordError):
                 raise own from None
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error

@@ -19,7 +19,6 @@ from brv_hypo.io.text import meant, refusal
 
 TOLERANCE_LEAST = 1e-3  # share of the laboratory's that a tolerance stated as zero counts as: nothing is known exactly
 
-
 Vector = tuple[float, float, float]
 
 DEFAULT_GRADE = "tactical"
@@ -97,8 +96,8 @@ def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
 
 
 def instruments_from(source: str | Path, record: Instruments) -> Instruments:
-    """The tolerances that a grade's name, a YAML file, or the name of one that comes along gives in place of those of a
-    record.
+    """The tolerances that a grade's name, a YAML file, or the name of one that comes along gives in place of a
+    record's.
 
     In a file, keys and units are those of the flight format: `gyro_bias` in deg/s, all else in SI, or text with units
     ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or key.
@@ -113,10 +112,7 @@ def instruments_from(source: str | Path, record: Instruments) -> Instruments:
 
 
 def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) -> Instruments:
-    """The tolerances that a mapping gives over those of `base`: keys and units as `instruments_from` reads them.
-
-    `origin` names the mapping in a refusal. Raises UsageError.
-    """
+    """The tolerances that a mapping gives over `base`, as of `instruments_from`; UsageError, naming `origin`."""
     if "grade" in content:
         base = of_grade(str(content["grade"]))
     stated = {key: value for key, value in content.items() if key != "grade"}

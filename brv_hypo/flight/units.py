@@ -93,32 +93,14 @@ ENDLESS_POWER = re.compile(r"(\*\*|\^)\s*[-+]?\s*([^\s\d.+-]|\d{3}|[\d.]*\s*(\*\
 def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str) -> FloatArray:
     """`values` in the SI unit of `dimension` (see `SI`), same shape.
 
-    Raises FlightRecordError, naming `dataset_name`, where `units` is unknown or of another dimension.
+    Raises FlightRecordError, naming `dataset_name`, where `units` is unknown, of another dimension, or no plain
+    multiple of the SI unit.
     """
     array = np.asarray(values, dtype=np.float64)
     stripped = units.strip()
     spelling = SPELLINGS.get(dimension, {}).get(stripped, stripped)
     if spelling == SI[dimension]:
         return array
-    return array * _factor(spelling, units, dimension, dataset_name)
-
-
-def spelled(units: str) -> str:
-    """Units in plain letters: m/s² as m/s2, °/s as deg/s, µs as us."""
-    return unicodedata.normalize("NFKC", units).replace("°", "deg").replace("μ", "u")
-
-
-def is_unit(units: str) -> bool:
-    """True where `units` is a unit of any dimension that can be read, "1" included."""
-    try:
-        _parsed(SPELLINGS["dimensionless"].get(units.strip(), units), units, "dimensionless", "units")
-    except FlightRecordError:
-        return False
-    return True
-
-
-def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> float:
-    """SI units in one of `spelling`, which must be a plain multiple of the SI unit."""
     from pint.util import to_units_container
 
     unit = _parsed(spelling, units, dimension, dataset_name)
@@ -140,7 +122,21 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             "cycles per second and radians per second are both called 1/s",
             "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'",
         )
-    return float(_registry().Quantity(1.0, unit).to(target).magnitude)
+    return array * float(_registry().Quantity(1.0, unit).to(target).magnitude)
+
+
+def spelled(units: str) -> str:
+    """Units in plain letters: m/s² as m/s2, °/s as deg/s, µs as us."""
+    return unicodedata.normalize("NFKC", units).replace("°", "deg").replace("μ", "u")
+
+
+def is_unit(units: str) -> bool:
+    """True where `units` is a unit of any dimension that can be read, "1" included."""
+    try:
+        _parsed(SPELLINGS["dimensionless"].get(units.strip(), units), units, "dimensionless", "units")
+    except FlightRecordError:
+        return False
+    return True
 
 
 def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:

@@ -16,7 +16,6 @@ rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -27,26 +26,8 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.identification import parameters
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot, real_rows
-from brv_hypo.identification.parameters import (
-    ACCELEROMETERS,
-    CROSSFLOW,
-    FORCE_SCALE_ERROR,
-    GYROS,
-    MOMENT_SCALE_ERROR,
-    MOMENTS,
-    PRESSURE_ERROR,
-    RATIO_ERROR,
-    ROLL_RATE_ERROR,
-    SPEED_ERROR,
-    Structure,
-    averaged,
-    kink,
-    lever_force,
-    of_flight,
-    on_grid,
-    placed,
-)
 from brv_hypo.likelihood import Delayed
 from brv_hypo.linearisation.propagated_motion import GRAVITY
 from brv_hypo.mechanisms.contract import Mechanism
@@ -56,11 +37,15 @@ from brv_hypo.model.term import Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, effective, windward_meridian
 
-# ---- States and inputs at some instants, and what the coefficients multiply there ----
-
-
 _REMEMBERED = 6
 T = TypeVar("T")
+FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
+FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
+FORCES = (*FORCE_DRIFT, FORCE_BEND)
+# What changes the rates of alpha and of the meridian at a state.
+RATE_ERRORS = (parameters.ROLL_RATE_ERROR, *parameters.CROSSFLOW)
+Values = Mapping[str, float]
+AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
 
 
 @dataclass(frozen=True)
@@ -91,14 +76,14 @@ class Memory(Generic[T]):
     """The last few results by key: most parameters leave the columns as they are, a moved state only one motion."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
+        self._known: dict[tuple[object, ...], T] = {}
 
     def __call__(self, key: tuple[object, ...], compute: Callable[[], T]) -> T:
         """The result for `key`, computed where it is not known."""
         if key not in self._known:
             self._known[key] = compute()
             if len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
+                del self._known[next(iter(self._known))]
         return self._known[key]
 
 
@@ -108,8 +93,7 @@ class Shapes:
 
     columns: tuple[Regressor, ...]
     acceleration: ComplexArray  # angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2
-    motion: Motion
-    past: tuple[Motion, ...]  # the motion at the delays
+    motions: tuple[Motion, ...]  # there and at the delays, kept as long: `VehicleModel` knows them by identity
     here: Point
     context: Context
 
@@ -123,28 +107,22 @@ class Shapes:
         lacking = np.empty((len(knotted), time.size), dtype=complex)
         for k, j in enumerate(knotted):
             row, shape = SLOPES + 4 * k, self.acceleration[j]
-            here = placed(self.columns[j].time_basis, time, half, self.context.own)
-            first, second = kink(*here)
+            here = parameters.placed(self.columns[j].time_basis, time, half, self.context.own)
+            first, second = parameters.kink(*here)
             slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
+            on_grid_too[j] = parameters.on_grid(*here) * shape - first * slope + second * curvature
             lacking[k] = first * shape - 2.0 * second * slope
         return on_grid_too, knotted, lacking
 
     @cached_property
     def averaged(self) -> ComplexArray:
         """The accelerations (columns, n) times what a block sees of their courses."""
-        out = self.acceleration.copy()
+        out, context, half = self.acceleration.copy(), self.context, self.here.input("half")
         for own, column in zip(out, self.columns, strict=True):
             if has_knot(column):
-                time_basis, time, _ = placed(
-                    column.time_basis, self.here.time, self.here.input("half"), self.context.own
-                )
-                own *= averaged(time_basis, time, self.context.block)
+                time_basis, time, _ = parameters.placed(column.time_basis, self.here.time, half, context.own)
+                own *= parameters.averaged(time_basis, time, context.block)
         return out
-
-
-Values = Mapping[str, float]
-AtDelays = Mapping[str, Delayed]  # states and inputs at the delays, by name
 
 
 def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
@@ -163,7 +141,7 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 class MomentModel:
     """What the columns of a structure are at any motion; `uses_rates`: whether rates of its angles change them."""
 
-    structure: Structure
+    structure: parameters.Structure
     mechanisms: Mapping[str, Mechanism]
     uses_rates: bool = True
 
@@ -184,11 +162,8 @@ class MomentModel:
     ) -> tuple[tuple[Regressor, ...], ComplexArray]:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
-        earlier = {
-            delay: self._with_in_plane_moment(motion, theta, columns, half, own) for delay, motion in past.items()
-        }
-        motion = self._with_in_plane_moment(now, theta, columns, half, own)
-        if earlier:
+        motion, *late = (self._with_in_plane_moment(each, theta, columns, half, own) for each in (now, *past.values()))
+        if earlier := dict(zip(past, late, strict=True)):
             motion = replace(motion, history=partial(earlier_motion, earlier))
         terms = evaluated(columns, self.mechanisms, motion)
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
@@ -202,11 +177,10 @@ class MomentModel:
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
-        terms = evaluated([column for _, column in fixed], self.mechanisms, motion)
-        weights = []
+        terms, weights = evaluated([column for _, column in fixed], self.mechanisms, motion), []
         for name, column in fixed:
-            here = placed(column.time_basis, motion.time, half, own)
-            weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
+            here = parameters.placed(column.time_basis, motion.time, half, own)
+            weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else parameters.on_grid(*here)))
         return replace(motion, in_plane_moment=summed((term.in_plane for term in terms), weights, motion.alpha))
 
 
@@ -223,26 +197,13 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
     return any(not np.array_equal(terms(*kind, motion), terms(*kind, changed)) for kind in kinds)
 
 
-# ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
-
-
-FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
-FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
-FORCES = (*FORCE_DRIFT, FORCE_BEND)
-RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
-"""Errors that change the rates of alpha and of the meridian at a given state."""
-
-
 @dataclass(frozen=True)
 class VehicleModel:
-    """The functions that `likelihood.fit` takes; `contexts` by the input "segment".
-
-    `span` (start, stop) s scales the drift of the normal-force slope.
-    """
+    """The functions that `likelihood.fit` takes."""
 
     moments: MomentModel
-    contexts: Sequence[Context]
-    span: tuple[float, float]
+    contexts: Sequence[Context]  # by the input "segment"
+    span: tuple[float, float]  # s, that scales the drift of the normal-force slope
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
@@ -273,8 +234,9 @@ class VehicleModel:
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
             p = here.input("p") - self._roll_rate_error(context, theta)
-            force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
-        return real_rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
+            force = force + parameters.lever_force(arm, omega, body_rate, p, here.input("p_rate"))
+        gyros, accelerometers = (_pair(e, context, theta) for e in (parameters.GYROS, parameters.ACCELEROMETERS))
+        return real_rows(omega + gyros, force + accelerometers)
 
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
@@ -282,33 +244,24 @@ class VehicleModel:
         """
         if not self.moments.uses_rates:
             return ()
-        return (*FORCES, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+        return (*FORCES, *(parameters.of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
         context = self._context(here.u)
-        now = self._motion(here, context, theta)
-        past = {}
+        now, past = self._motion(here, context, theta), dict[float, Motion]()
         for name in self.moments.structure.delays:
             before = point(delayed[name].x, delayed[name].u, here.time - theta[name])
             past[theta[name]] = self._motion(before, context, theta)
-        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
-        return self._shapes(key, lambda: self._evaluated(here, context, now, past, theta))
 
-    def _evaluated(
-        self, here: Point, context: Context, now: Motion, past: Mapping[float, Motion], theta: Values
-    ) -> Shapes:
-        columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
-        scale = here.input("pressure") * context.vehicle.moment_scale
-        turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(
-            columns=columns,
-            acceleration=planes * turn,
-            motion=now,
-            past=tuple(past.values()),
-            here=here,
-            context=context,
-        )
+        def evaluated() -> Shapes:
+            columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
+            scale = here.input("pressure") * context.vehicle.moment_scale
+            turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
+            return Shapes(columns, planes * turn, (now, *past.values()), here, context)
+
+        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
+        return self._shapes(key, evaluated)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -323,10 +276,9 @@ class VehicleModel:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
 
     def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
-        k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
-        p = here.input("p")
-        error = self._roll_rate_error(context, theta)
-        tolerated = _pair(MOMENTS, context, theta) * np.conj(here.to_body)
+        k = context.vehicle.inertia_ratio * (1.0 - _error(parameters.RATIO_ERROR, context, theta))
+        p, error = here.input("p"), self._roll_rate_error(context, theta)
+        tolerated = _pair(parameters.MOMENTS, context, theta) * np.conj(here.to_body)
         return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
@@ -334,9 +286,9 @@ class VehicleModel:
         # Gravity along each axis of the first sample, by what it adds across the body in de-rolled axes.
         along_y, along_z = (here.u[ROW[f"gravity_x{axis}"] :][:3] for axis in "yz")
         gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ (along_y + 1j * along_z)
-        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
+        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(parameters.CROSSFLOW, context, theta)
         gained = gained + self._force(here, context, theta)
-        slower = 1.0 + _error(SPEED_ERROR, context, theta)
+        slower = 1.0 + _error(parameters.SPEED_ERROR, context, theta)
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))  # along the axis, m/s
         return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + slower * gained)
 
@@ -347,24 +299,24 @@ class VehicleModel:
         shapes = np.stack([np.ones_like(drift), drift, angle_of_attack(xi) ** 2])
         slope = np.array([theta[name] for name in FORCES]) @ shapes
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
-        force = -scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * effective(xi)
+        force = -scale * (1.0 - _error(parameters.FORCE_SCALE_ERROR, context, theta)) * effective(xi)
         return np.asarray(force * slope)
 
     def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
         """Measured less true roll rate (n,), rad/s."""
-        return _error(ROLL_RATE, context, theta) + _error(ROLL_RATE_ERROR, context, theta)
+        return _error(ROLL_RATE, context, theta) + _error(parameters.ROLL_RATE_ERROR, context, theta)
 
     def _pressure_share(self, context: Context, theta: Values) -> FloatArray | float:
         """True dynamic pressure over the measured one (n,)."""
-        return 1.0 - _error(PRESSURE, context, theta) - _error(PRESSURE_ERROR, context, theta)
+        return 1.0 - _error(PRESSURE, context, theta) - _error(parameters.PRESSURE_ERROR, context, theta)
 
     def _moment_share(self, context: Context, theta: Values) -> FloatArray | float:
         """True angular acceleration per unit coefficient over the declared one (n,)."""
-        return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
+        return self._pressure_share(context, theta) * (1.0 - _error(parameters.MOMENT_SCALE_ERROR, context, theta))
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         # Without what noise leaves in the inputs, and errors that do too little to the rates to matter.
-        quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+        quiet = (ROLL_RATE, PRESSURE, parameters.PRESSURE_ERROR, parameters.SPEED_ERROR, parameters.FORCE_SCALE_ERROR)
         theta = {**theta, **dict.fromkeys(_own(quiet, context), 0.0)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
@@ -394,12 +346,12 @@ class VehicleModel:
 
 def _own(names: Sequence[str], context: Context) -> list[str]:
     """Names of a flight's own parameters or courses."""
-    return [of_flight(name, context.flight) for name in names]
+    return [parameters.of_flight(name, context.flight) for name in names]
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
     """A course of the flight's errors (n,); 0 where it has none of that name."""
-    return theta.get(of_flight(name, context.flight), 0.0)
+    return theta.get(parameters.of_flight(name, context.flight), 0.0)
 
 
 def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:

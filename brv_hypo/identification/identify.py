@@ -31,9 +31,6 @@ from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.smoother import BENT
 
-# ---- The estimation problem: options, node records, equations, start values, priors, bounds ----
-
-
 IDENTIFIED_STEPS = 30  # of one search of `identify`, if its caller says nothing else
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
 # Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the
@@ -41,6 +38,22 @@ IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and
 IDENTIFIED_KNOT_REACH = 3.0
 
 _ROUNDING = 1e-9
+# Change of any estimate, in standard errors, that one step with other corrections of the block means makes, from which
+# the fit is repeated; rounds of that.
+IDENTIFIED_STALE = 0.1
+IDENTIFIED_ROUNDS = 6
+IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
+# Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several minima;
+# steps with the knots held then: the first takes up what is linear, errors of the record above all.
+IDENTIFIED_POOR_START = 2.0
+IDENTIFIED_FIRST_STEPS = 2
+IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
+IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
+
+_REMEDY = (
+    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
+)
+_HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 
 @dataclass(frozen=True)
@@ -153,22 +166,20 @@ def build_problem(
     regressed: Regressed | None = None,
     max_iterations: int = IDENTIFIED_STEPS,
 ) -> Problem:
-    """Lay out the problem of a regression model; `regressed` as in `identify`.
-
-    Raises UnanswerableError where no segment is long enough.
+    """The problem of a regression model, `regressed` as in `identify`; UnanswerableError where no segment is long
+    enough.
     """
-    size = block_size(frame, columns, values)
+    block = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     rates = frame.columns(columns) @ values if regressed is None else regressed.rates
     delays = delays_of(frame, columns)
-    records = node_records(frame, columns, values, rates, inputs, size, delays)
+    records = node_records(frame, columns, values, rates, inputs, block, delays)
     if not records:
         raise UnanswerableError(
-            f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
+            f"no stretch of the record is long enough for maximum likelihood at {block} samples a node. "
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
-    time = frame.coefficient_time
-    span = (float(time.min()), float(time.max()))
+    span = (float(frame.coefficient_time.min()), float(frame.coefficient_time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, delays)
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
@@ -180,10 +191,16 @@ def build_problem(
     theta |= structure.fixed_delays
     forces = _force_start(frame, span)
     theta |= forces
-    nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
-    theta |= {name: start for name, (start, _) in nuisances.items()}
-    priors = {name: (0.0, sigma) for name, (_, sigma) in nuisances.items()}
-    priors[FORCE_BEND] = (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)
+    priors = {FORCE_BEND: (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)}
+    for flight in dict.fromkeys(record.context.flight for record in records):
+        reconstruction = frame.reconstructions[flight]
+        size = gravity_size(reconstruction.flight)
+        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
+            theta[of_flight(name, flight)] = min(max(value, -size), size)
+            priors[of_flight(name, flight)] = (0.0, size)
+        left = [name for error in inputs[flight].errors for name in input_error(error, flight).weights]
+        theta |= dict.fromkeys(left, 0.0)
+        priors |= dict.fromkeys(left, (0.0, 1.0))
     tolerated = tuple(dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated))
     applied = {}
     for value, flight in tolerated:  # all in tolerances; what is estimated is beside what was taken out of the record
@@ -200,24 +217,9 @@ def build_problem(
         priors=priors,
         tolerated=tolerated,
         applied=applied,
-        block=size,
+        block=block,
         max_iterations=max_iterations,
     )
-
-
-def _nuisances(
-    frame: RateFrame, inputs: Sequence[SmoothInputs], flights: Sequence[int]
-) -> dict[str, tuple[float, float]]:
-    """Start and prior standard deviation of gravity and of what noise leaves in the inputs, by name; prior mean 0."""
-    found: dict[str, tuple[float, float]] = {}
-    for index in flights:
-        reconstruction = frame.reconstructions[index]
-        size = gravity_size(reconstruction.flight)
-        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
-            found[of_flight(name, index)] = (min(max(value, -size), size), size)
-        for error in inputs[index].errors:
-            found |= dict.fromkeys(input_error(error, index).weights, (0.0, 1.0))
-    return found
 
 
 def _force_start(frame: RateFrame, span: tuple[float, float]) -> dict[str, float]:
@@ -247,48 +249,24 @@ class Estimate:
 class Identification:
     """A regression model refined by maximum likelihood on the original measurements."""
 
-    status: str
-    """That of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed" where
-    it could not be begun."""
-    message: str
-    """Cause and remedy."""
+    status: str  # that of the likelihood, such as "converged"; "failed" where it could not be begun
+    message: str  # cause and remedy
     columns: tuple[Regressor, ...]  # the regression's, with delays and knots at their estimates
     values: FloatArray  # coefficients (columns,), in the units of the columns
     covariance: FloatArray  # (columns, columns), others accounted for; at the reported standard errors
     terms: tuple[Estimate, ...] = ()  # the coefficients
     nonlinear: tuple[Estimate, ...] = ()  # delays and knots
     forces: tuple[Estimate, ...] = ()  # normal-force slope (1/rad) and its drift
-    instruments: tuple[Estimate, ...] = ()
-    """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
+    instruments: tuple[Estimate, ...] = ()  # what is known to a tolerance: errors of the record and moments
     log_likelihood: float = float("nan")  # minus the NLLF of Eq. 3.10 with erratum E8, at every sample
     iterations: int = 0  # of all searches together
-    innovations: tuple[FloatArray, ...] = ()
-    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2)."""
+    innovations: tuple[FloatArray, ...] = ()  # (4, samples) each: measured less predicted q, r, ay, az, SI
     whiteness: tuple[Whiteness, ...] = ()  # test of each output's innovations, in their order
     seconds: float = 0.0  # wall clock
     problem: Problem | None = None  # what was solved; None where it could not be begun
 
 
 # ---- The fit ----
-
-
-# Change of any estimate, in standard errors, that one step with other corrections of the block means makes, from which
-# the fit is repeated; rounds of that.
-IDENTIFIED_STALE = 0.1
-IDENTIFIED_ROUNDS = 6
-IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
-# Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several minima;
-# steps with the knots held then: the first takes up what is linear, errors of the record above all.
-IDENTIFIED_POOR_START = 2.0
-IDENTIFIED_FIRST_STEPS = 2
-IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
-IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
-
-
-_REMEDY = (
-    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
-)
-_HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 
 def identify(
@@ -302,20 +280,13 @@ def identify(
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
-    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are
-    the errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the
-    frame share the coefficients; each has its own initial states, gravity direction and errors.
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are the
+    errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the frame
+    share the coefficients; each has its own initial states, gravity direction and errors.
 
-    Args:
-        frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
-        columns: the model's columns. values: their regression coefficients (columns,).
-        regressed: what the regression says beside its coefficients; None where the records are as measured.
-        max_iterations: of one search.
-        begin_anew: search from the data alone where the regression's fit leads nowhere, which takes several times as
-            long.
-
-    Returns:
-        The refined model; a failure is its status, with the regression's values left in place.
+    `columns` and `values` (columns,) are the model's, `regressed` what the regression says beside them, None where
+    the records are as measured. `begin_anew`: search from the data alone where the regression's fit leads nowhere,
+    which takes several times as long. A failure is a status, with the regression's values left in place.
     """
     begun = clock.perf_counter()
     try:
@@ -341,7 +312,12 @@ def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int
         searches.append(problem.solve(**how))
         return searches[-1]
 
-    if _misfit(problem) > IDENTIFIED_POOR_START:
+    misfits = [  # of the angular rate, mean squares over the gyros' noise
+        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
+        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
+        for record in problem.records
+    ]
+    if np.sqrt(max(misfits)) > IDENTIFIED_POOR_START:
         knots = problem.structure.knots
         problem = problem.refreshed(solve(problem, fixed=knots, max_iterations=IDENTIFIED_FIRST_STEPS))
     found = solve(problem)
@@ -370,16 +346,6 @@ def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
         return ()
     knots = problem.structure.knots
     return tuple(name for name in knots if not found.std_error[name] < problem.seconds_to_node) or knots
-
-
-def _misfit(problem: Problem) -> float:
-    """Root mean square of the angular rate that the start leaves over, in terms of the gyros' noise."""
-    left = [
-        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
-        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
-        for record in problem.records
-    ]
-    return float(np.sqrt(max(left)))
 
 
 def _stale(old: Problem, new: Problem, found: FitResult, fixed: Sequence[str]) -> bool:

@@ -19,7 +19,13 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
+from brv_hypo.identification.parameters import (
+    Tolerated,
+    error_histories,
+    input_error,
+    noise_free_flights,
+    record_errors,
+)
 from brv_hypo.likelihood import Segment
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.moment_model import delays_requested
@@ -35,6 +41,14 @@ IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node
 IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost
 IDENTIFIED_PARTS = 16  # of what is between two nodes, at most
 IDENTIFIED_TURN = 0.5  # rad that the meridian, or its rate times a delay, may turn by between two nodes
+INPUTS = (
+    *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
+    *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),
+)
+ROW = {name: row for row, name in enumerate(INPUTS)}
+SLOPES = len(INPUTS)
+"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular
+acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
 
 
 def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> int:
@@ -127,19 +141,6 @@ def _quadrature_error(
     return float(np.max(np.abs(np.cumsum(error))))
 
 
-# ---- From flight records to the segments of the likelihood: block means as measurements, smooth inputs ----
-
-
-INPUTS = (
-    *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
-    *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),
-)
-ROW = {name: row for row, name in enumerate(INPUTS)}
-SLOPES = len(INPUTS)
-"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular
-acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
-
-
 @dataclass(frozen=True)
 class Context:
     """What is constant over a segment."""
@@ -171,10 +172,7 @@ class NodeRecord:
     tolerated: tuple[Tolerated, ...]  # the flight's values whose parameters count sigmas
 
     def predicted(self, outputs: FloatArray) -> ComplexArray:
-        """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).
-
-        Between nodes the prediction follows the regression's, plus the difference of the two.
-        """
+        """Rate and force, de-rolled, at all samples (2, samples): the regression's, corrected at outputs (4, nodes)."""
         valid = np.all(np.isfinite(outputs), axis=0)
         middle = self.middle[valid]
         at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, valid] * self.turn[middle]
@@ -209,84 +207,61 @@ def node_records(
     `rates` (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a
     noise-free flight.
     """
-    moments = frame.moments(columns) @ values
-    noise_free = noise_free_flights(frame, rates, moments, inputs)
-    expected = [fitted(number, flight) for number, flight in enumerate(noise_free)]
-    errors = record_errors(frame, expected, inputs, frozenset(column.mechanism for column in columns))
-    shapes = frame.moments(
-        [replace(column, time_basis=TimeBasis("constant")) for column in columns if has_knot(column)]
-    )
+    noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
+    quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]
+    errors = record_errors(frame, quiet, inputs, frozenset(column.mechanism for column in columns))
+    constant = TimeBasis("constant")
+    shapes = frame.moments([replace(column, time_basis=constant) for column in columns if has_knot(column)])
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-        count = (b - a) // size
-        if count >= IDENTIFIED_FEWEST_NODES:
-            local = np.arange(count * size).reshape(count, size)
-            meridian = Meridian(derolled_crossflow(frame, part), delays)
-            knots = knots_of(columns, frame.own_time(part.flight))
-            flight = expected[part.flight], errors[part.flight], inputs[part.flight]
-            found.append(_node_record(frame, part, *flight, shapes[a:b], local, len(found), knots, meridian))
+        count, own = (b - a) // size, frame.own_time(part.flight)
+        if count < IDENTIFIED_FEWEST_NODES:
+            continue
+        flight, motion = frame.reconstructions[part.flight].flight, frame.motions[part.flight]
+        local = np.arange(count * size).reshape(count, size)
+        middle, samples = local[:, size // 2], slice(part.rows.start, part.rows.start + local.size)
+        time, turn = flight.time[samples], np.exp(1j * inputs[part.flight].roll[samples])
+        expected = _transverse(quiet[part.flight])[:, samples] * turn
+        measured = _transverse(flight)[:, samples] * turn
+        nodes = Meridian(derolled_crossflow(frame, part), delays).with_nodes_between(time[middle])
+        halfway = 0.5 * (nodes[1:] + nodes[:-1])
+        acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
+        slopes = CubicSpline(time[middle], shapes[a:b][middle] * acceleration[:, None])
+        table = _input_table(flight, motion, inputs[part.flight], samples, local, len(found))
+        at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
+        between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
+        xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
+        state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
+        mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
+        outputs = np.full((4, nodes.size), np.nan)
+        outputs[:, np.searchsorted(nodes, time[middle])] = real_rows(*mean * np.conj(turn[middle]))
+        block = flight.step * size
+        for knot in knots_of(columns, own) if size > 1 else ():
+            outputs[:, np.abs(nodes - knot) < block] = np.nan
+        smoothed = (input_error(error, part.flight) for error in inputs[part.flight].errors)
+        courses = error_histories(errors[part.flight], part.flight, time, samples, turn, local)
+        record = NodeRecord(
+            context=Context(
+                flight=part.flight,
+                vehicle=flight.vehicle,
+                start=float(nodes[0]),
+                meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
+                block=block,
+                own=own,
+            ),
+            segment=Segment(
+                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *courses)
+            ),
+            time=time,
+            turn=turn,
+            measured=measured,
+            expected=expected,
+            middle=np.clip(np.searchsorted(time, nodes), 0, time.size - 1),
+            samples=samples,
+            tolerated=tuple(errors[part.flight]),
+        )
+        found.append(record)
     return tuple(found)
-
-
-def _node_record(
-    frame: RateFrame,
-    part: WeakSegment,
-    noise_free: Flight,
-    errors: RecordErrors,
-    inputs: SmoothInputs,
-    shapes: ComplexArray,
-    local: IntArray,
-    number: int,
-    knots: Sequence[float],
-    meridian: Meridian,
-) -> NodeRecord:
-    reconstruction = frame.reconstructions[part.flight]
-    flight, motion = reconstruction.flight, frame.motions[part.flight]
-    samples = slice(part.rows.start, part.rows.start + local.size)
-    turn = np.exp(1j * inputs.roll[samples])
-    xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
-    expected = _transverse(noise_free)[:, samples] * turn
-    measured = _transverse(flight)[:, samples] * turn
-    middle = local[:, local.shape[1] // 2]
-    time = flight.time[samples]
-    nodes = meridian.with_nodes_between(time[middle])
-    measuring = np.searchsorted(nodes, time[middle])
-    halfway = 0.5 * (nodes[1:] + nodes[:-1])
-    acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
-    slopes = CubicSpline(time[middle], shapes[middle] * acceleration[:, None])
-    table = _InputTable(flight, motion, inputs, samples, local, number)
-    at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
-    between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
-    state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
-    context = Context(
-        flight=part.flight,
-        vehicle=flight.vehicle,
-        start=float(nodes[0]),
-        meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
-        block=flight.step * local.shape[1],
-        own=frame.own_time(part.flight),
-    )
-    mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
-    outputs = np.full((4, nodes.size), np.nan)
-    outputs[:, measuring] = real_rows(*mean * np.conj(turn[middle]))
-    if local.shape[1] > 1:
-        for knot in knots:
-            outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    smoothed = (input_error(error, part.flight) for error in inputs.errors)
-    time_varying = (*smoothed, *errors.time_varying(time, samples, turn, local))
-    segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=time_varying)
-    nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
-    return NodeRecord(
-        context=context,
-        segment=segment,
-        time=time,
-        turn=turn,
-        measured=measured,
-        expected=expected,
-        middle=nearest,
-        samples=samples,
-        tolerated=tuple(errors.histories),
-    )
 
 
 def _transverse(flight: Flight) -> ComplexArray:
@@ -294,52 +269,43 @@ def _transverse(flight: Flight) -> ComplexArray:
     return np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])
 
 
-class _InputTable:
-    """Inputs of one segment at any times: means over blocks where the instruments are noisy, splines between."""
+def _input_table(
+    flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Inputs (inputs, n) of one segment at any times (n,) s, in the middle of intervals of twice so many s (n,).
 
-    def __init__(
-        self, flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
-    ) -> None:
-        middle = local[:, local.shape[1] // 2]
-        nodes = flight.time[rows][middle]
-        self._number = float(number)
-        self._time, self._wind, self._block = flight.time, flight.wind, flight.step * local.shape[1]
-        noisy = {
-            "p": smooth.roll_rate,
-            "speed": smooth.speed,
-            "pressure": smooth.pressure,
-            "mach": motion.mach,
-            "reynolds": motion.reynolds,
-        }
-        exact = {"roll": smooth.roll, "meridian": motion.windward_meridian}
-        for i, second in ((1, "y"), (2, "z")):
-            exact |= {f"gravity_{first}{second}": smooth.gravity_axes[:, i, j] for j, first in enumerate("xyz")}
-        at_nodes = {name: np.nan_to_num(values)[rows][local].mean(axis=1) for name, values in noisy.items()}
-        at_nodes |= {name: values[rows][middle] for name, values in exact.items()}
-        self._splines = {name: CubicSpline(nodes, values) for name, values in at_nodes.items()}
+    Means over blocks where the instruments are noisy, splines between.
+    """
+    middle = local[:, local.shape[1] // 2]
+    noisy = {
+        **{"p": smooth.roll_rate, "speed": smooth.speed, "pressure": smooth.pressure},
+        **{"mach": motion.mach, "reynolds": motion.reynolds},
+    }
+    exact = {"roll": smooth.roll, "meridian": motion.windward_meridian}
+    for i, second in ((1, "y"), (2, "z")):
+        exact |= {f"gravity_{first}{second}": smooth.gravity_axes[:, i, j] for j, first in enumerate("xyz")}
+    at_nodes = {name: np.nan_to_num(values)[rows][local].mean(axis=1) for name, values in noisy.items()}
+    at_nodes |= {name: values[rows][middle] for name, values in exact.items()}
+    splines = {name: CubicSpline(flight.time[rows][middle], values) for name, values in at_nodes.items()}
 
-    def __call__(self, time: FloatArray, half: FloatArray) -> FloatArray:
-        """The inputs (inputs, n) at times (n,) s, in the middle of intervals of twice `half` (n,) s."""
-        table = {name: spline(time) for name, spline in self._splines.items()}
-        table |= {f"{name}_rate": self._splines[name](time, 1) for name in ("p", "speed")}
-        table |= {"segment": np.full(time.size, self._number), "half": half}
-        table |= dict(zip(("air_y", "air_z"), self._gained(time, half, table), strict=True))
-        return np.stack([table[name] for name in INPUTS])
+    def table(time: FloatArray, half: FloatArray) -> FloatArray:
+        found = {name: spline(time) for name, spline in splines.items()}
+        found |= {f"{name}_rate": splines[name](time, 1) for name in ("p", "speed")}
+        found |= {"segment": np.full(time.size, float(number)), "half": half}
+        found |= dict.fromkeys(("air_y", "air_z"), np.zeros(time.size))
+        if flight.wind is not None:
+            # What the crossflow gains in de-rolled axes as the known wind changes, m/s^2: means over an interval or a
+            # block, so that Simpson's rule gives the whole change, steps included.
+            width = np.where(half > 0.0, half, 0.5 * flight.step * local.shape[1])
+            before, after = (
+                np.array([np.interp(time + end * width, flight.time, wind) for wind in flight.wind.T])
+                for end in (-1.0, 1.0)
+            )
+            axes = np.array([[found[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
+            found["air_y"], found["air_z"] = np.einsum("jin,in->jn", axes, (before - after) / (2.0 * width))
+        return np.stack([found[name] for name in INPUTS])
 
-    def _gained(self, time: FloatArray, half: FloatArray, table: dict[str, FloatArray]) -> FloatArray:
-        """What the crossflow gains in de-rolled axes as the known wind changes (2, n), m/s^2.
-
-        Means over an interval or a block, so that Simpson's rule gives the whole change, steps included.
-        """
-        if self._wind is None:
-            return np.zeros((2, time.size))
-        width = np.where(half > 0.0, half, 0.5 * self._block)
-        before, after = (
-            np.array([np.interp(time + end * width, self._time, wind) for wind in self._wind.T]) for end in (-1.0, 1.0)
-        )
-        rate = (before - after) / (2.0 * width)
-        axes = np.array([[table[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
-        return np.asarray(np.einsum("jin,in->jn", axes, rate))
+    return table
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:

@@ -15,8 +15,7 @@ A record effect is linearised once, about the record that noise-free instruments
 motion (`noise_free_flights`): half the difference of the records at plus and minus one sigma of a component, by
 channel, becomes a history of the errors that the equations of motion and of measurement have (GYROS,
 ACCELEROMETERS, CROSSFLOW, ...). A moment that has a tolerance is one more such history. Each parameter counts
-sigmas, its prior is the unit Gaussian, and the equations are linear in it. `record_errors` is the entrance; a
-component that no equation observes is left out.
+sigmas, its prior is the unit Gaussian, and the equations are linear in it (`record_errors`).
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -46,18 +46,15 @@ from brv_hypo.motion.inertial import arm_acceleration
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.motion import crossflow, effective
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import InputError
 
 Kind = Literal["theta", "start", "stop"]
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class NonlinearParameter:
-    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s).
-
-    A knot is counted from `origin`, the first time of the record: differences step by a parameter's size.
-    """
+    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
 
     name: str
     kind: Kind
@@ -69,7 +66,7 @@ class NonlinearParameter:
     is_delay: bool
     columns: tuple[int, ...]
     scale: float = 1.0
-    origin: float = 0.0
+    origin: float = 0.0  # the first time of the record for knots: differences step by a parameter's size
 
     @property
     def label(self) -> str:
@@ -79,16 +76,12 @@ class NonlinearParameter:
 
 @dataclass(frozen=True)
 class Structure:
-    """The columns of a regression model with names for all that is to be estimated.
-
-    `names` are those of the coefficients, in the order of `columns`; `fixed_delays` (s) those at which mechanisms look
-    back without a parameter.
-    """
+    """The columns of a regression model with names for all that is to be estimated."""
 
     columns: tuple[Regressor, ...]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the coefficients, in the order of `columns`
     nonlinear_parameters: tuple[NonlinearParameter, ...]
-    fixed_delays: Mapping[str, float]
+    fixed_delays: Mapping[str, float]  # s, those at which mechanisms look back without a parameter
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -120,13 +113,13 @@ def structure_of(
     mechanisms: Mapping[str, Mechanism],
     start: float,
     stop: float,
-    delays: Sequence[float] = (),
+    delays: Sequence[float],
 ) -> Structure:
     """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside.
 
     Columns that share a theta or a knot of one mechanism move together. `delays`: all at which mechanisms look back, s.
     """
-    names, nonlinear = unique([_name(c) for c in columns]), _nonlinear_parameters(columns, mechanisms, start, stop)
+    names, nonlinear = unique([*map(_name, columns)]), _nonlinear_parameters(columns, mechanisms, start, stop)
     free = [parameter.value for parameter in nonlinear if parameter.is_delay]
     fixed = {f"delay {delay:.6g} s": delay for delay in delays if not np.any(np.isclose(delay, free, rtol=1e-9))}
     return Structure(tuple(columns), names, nonlinear, fixed)
@@ -144,12 +137,8 @@ def _name(column: Regressor) -> str:
 
 def unique(names: Sequence[str]) -> tuple[str, ...]:
     """The names, a number after each that stood before."""
-    counts: dict[str, int] = {}
-    out = []
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        out.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
-    return tuple(out)
+    counts = [names[:k].count(name) + 1 for k, name in enumerate(names)]
+    return tuple(name if count == 1 else f"{name} ({count})" for name, count in zip(names, counts, strict=True))
 
 
 def of_flight(name: str, flight: int) -> str:
@@ -205,12 +194,8 @@ def _moved(column: Regressor, parameter: NonlinearParameter, value: float) -> Re
     if parameter.kind == "theta":
         theta = tuple((key, value / parameter.scale if key == parameter.theta else old) for key, old in column.theta)
         return replace(column, theta=theta)
-    if parameter.kind == "start":
-        return replace(column, time_basis=replace(column.time_basis, start=parameter.origin + value))
-    return replace(column, time_basis=replace(column.time_basis, stop=parameter.origin + value))
-
-
-_ROUNDING = 1e-9
+    knot: dict[str, Any] = {parameter.kind: parameter.origin + value}
+    return replace(column, time_basis=replace(column.time_basis, **knot))
 
 
 def placed(
@@ -231,34 +216,27 @@ def placed(
 def on_grid(time_basis: TimeBasis, time: FloatArray, half: FloatArray) -> FloatArray:
     """The course at `time` (n,) s; `half` (n,) s is half the interval at its midpoints, 0 at nodes."""
     edge = _ramp if time_basis.kind == "ramp" else _step
-    value = np.ones_like(time) if np.isneginf(time_basis.start) else edge(time - time_basis.start, half)
-    return value if np.isposinf(time_basis.stop) else value - edge(time - time_basis.stop, half)
+    return edge(time - time_basis.start, half) - edge(time - time_basis.stop, half)
 
 
 def averaged(time_basis: TimeBasis, time: FloatArray, width: FloatArray | float) -> FloatArray:
     """Mean of the course over `width` s about `time` (n,) s: what a block of samples sees of it."""
     if time_basis.kind == "ramp":
         return time_basis(time)
-    share = np.ones_like(time)
-    if np.isfinite(time_basis.start):
-        share = np.clip((time - time_basis.start) / width + 0.5, 0.0, 1.0)
-    if np.isfinite(time_basis.stop):
-        share = share - np.clip((time - time_basis.stop) / width + 0.5, 0.0, 1.0)
-    return np.asarray(share)
+    begun, ended = (np.clip((time - knot) / width + 0.5, 0.0, 1.0) for knot in (time_basis.start, time_basis.stop))
+    return np.asarray(begun - ended)
 
 
 def kink(time_basis: TimeBasis, time: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The weights a (n,) s and b (n,) s^2 in the middle of the interval of a jump; 0 elsewhere."""
     first, second = np.zeros_like(time), np.zeros_like(time)
-    if time_basis.kind == "ramp":
-        return first, second
-    for knot, sign in ((time_basis.start, 1.0), (time_basis.stop, -1.0)):
-        if np.isfinite(knot):
-            inside = _holds_knot(time - knot, half)
-            step = 2.0 * half[inside]
-            off = (time[inside] - knot) / step
-            first[inside] += sign * step / 4.0 * (3.0 * off**2 - 0.25)
-            second[inside] += sign * step**2 / 4.0 * off**3
+    knots = () if time_basis.kind == "ramp" else ((time_basis.start, 1.0), (time_basis.stop, -1.0))
+    for knot, sign in knots:
+        inside = _holds_knot(time - knot, half)
+        step = 2.0 * half[inside]
+        off = (time[inside] - knot) / step
+        first[inside] += sign * step / 4.0 * (3.0 * off**2 - 0.25)
+        second[inside] += sign * step**2 / 4.0 * off**3
     return first, second
 
 
@@ -295,39 +273,26 @@ def noise_free_flights(
     are each flight's.
     """
     found = []
-    for number, (reconstruction, smooth) in enumerate(zip(frame.reconstructions, inputs, strict=True)):
-        flight = reconstruction.flight
+    flights = zip(frame.reconstructions, frame.motions, inputs, strict=True)
+    for number, (reconstruction, motion, smooth) in enumerate(flights):
+        flight, vehicle = reconstruction.flight, reconstruction.flight.vehicle
         rate, force = flight.q + 1j * flight.r, flight.ay + 1j * flight.az
-        spin = np.exp(-1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
+        spin = np.exp(-1j * (1.0 - vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
         rolling = CubicSpline(flight.time, smooth.roll_rate)(flight.time, 1)
+        xi, slope = crossflow(motion.alpha, motion.windward_meridian), np.nan_to_num(reconstruction.normal_force_ratio)
+        aerodynamic = -smooth.pressure * (vehicle.reference_area / vehicle.mass) * slope * effective(xi)
         for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
             if part.flight == number:
-                level = np.mean(part.observed - predicted[a:b])
-                rate[part.rows] = (predicted[a:b] + level) * spin[part.rows]
-                force[part.rows] = _force(frame, number, smooth, part.rows, rate[part.rows], moments[a:b], rolling)
+                rows, level = part.rows, np.mean(part.observed - predicted[a:b])
+                rate[rows] = (predicted[a:b] + level) * spin[rows]
+                p, omega = smooth.roll_rate[rows], rate[rows]
+                change = smooth.pressure[rows] * vehicle.moment_scale * moments[a:b]
+                change = change - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
+                lever = lever_force(vehicle.accelerometer_position, omega, change, p, rolling[rows])
+                force[rows] = aerodynamic[rows] + lever
         flight = replace(flight, p=smooth.roll_rate, velocity=smooth.speed, dynamic_pressure=smooth.pressure)
         found.append(replace(flight, q=rate.real, r=rate.imag, ay=force.real, az=force.imag))
     return tuple(found)
-
-
-def _force(
-    frame: RateFrame,
-    number: int,
-    smooth: SmoothInputs,
-    rows: slice,
-    omega: ComplexArray,
-    moments: ComplexArray,
-    rolling: FloatArray,
-) -> ComplexArray:
-    """What the accelerometers read across the body at some samples, m/s^2."""
-    reconstruction, motion = frame.reconstructions[number], frame.motions[number]
-    vehicle = reconstruction.flight.vehicle
-    pressure, p = smooth.pressure[rows], smooth.roll_rate[rows]
-    xi = crossflow(motion.alpha, motion.windward_meridian)[rows]
-    slope = np.nan_to_num(reconstruction.normal_force_ratio[rows])
-    force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * effective(xi)
-    omega_rate = pressure * vehicle.moment_scale * moments - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
-    return np.asarray(force + lever_force(vehicle.accelerometer_position, omega, omega_rate, p, rolling[rows]))
 
 
 def lever_force(
@@ -348,8 +313,7 @@ SPEED_ERROR = "error of speed"
 RATIO_ERROR = "error of inertia ratio"
 MOMENT_SCALE_ERROR = "error of S d / I"
 FORCE_SCALE_ERROR = "error of S / m"  # the last five are shares of the measured value
-CROSSFLOW = ("change of v", "change of w")
-"""m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
+CROSSFLOW = ("change of v", "change of w")  # m/s^2, de-rolled, that it gains beyond what record and attitude say
 MOMENTS = ("change of q", "change of r")  # rad/s^2 in body axes, of moments within their tolerance
 OTHERS = (
     *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),
@@ -379,44 +343,37 @@ class Tolerated:
         return applied / self.size, found / self.size
 
 
-Histories = Mapping[str, FloatArray]
-"""By course name, (n,) over the samples of a flight; a course that it lacks is not touched."""
+Histories = Mapping[str, FloatArray]  # by course name, (n,) over a flight's samples; one that it lacks is not touched
+
+RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated value of a flight does
 
 
-@dataclass(frozen=True)
-class RecordErrors:
-    """The tolerated values of one flight with what 1 sigma of each does."""
+def error_histories(
+    errors: RecordErrors, flight: int, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
+) -> tuple[TimeVaryingParameter, ...]:
+    """The courses of one segment of a flight, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,).
 
-    flight: int
-    histories: Mapping[Tolerated, Histories]
+    What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
+    """
 
-    def time_varying(
-        self, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
-    ) -> tuple[TimeVaryingParameter, ...]:
-        """The courses of one segment, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,).
-
-        What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
-        """
-        middle = local[:, local.shape[1] // 2]
-        read: list[SampledParameter] = []
-        for pair in (GYROS, ACCELEROMETERS):
-            first, second = self._rows(pair, samples)
-            projected = ((first.shapes + 1j * second.shapes) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
-            read += [replace(first, shapes=projected.real), replace(second, shapes=projected.imag)]
-        others = [rows for name in OTHERS for rows in self._rows((name,), samples)]
-        return (*_splined(time[middle], read), *_splined(time, others))
-
-    def _rows(self, names: Sequence[str], samples: slice) -> list[SampledParameter]:
-        """The histories of these courses at some samples, of the values that touch any of them."""
-        touching = {value: rows for value, rows in self.histories.items() if any(name in rows for name in names)}
-        weights = tuple(of_flight(value.name, self.flight) for value in touching)
+    def rows(names: Sequence[str]) -> list[SampledParameter]:
+        """The histories of these courses, of the values that touch any of them."""
+        touching = {value: each for value, each in errors.items() if any(name in each for name in names)}
+        weights, none = tuple(of_flight(value.name, flight) for value in touching), np.zeros(samples.stop)
         out = []
         for name in names:
-            shapes = np.zeros((len(touching), samples.stop - samples.start))
-            for row, histories in zip(shapes, touching.values(), strict=True):
-                row[:] = histories[name][samples] if name in histories else 0.0
-            out.append(SampledParameter(of_flight(name, self.flight), weights, shapes))
+            shapes = [histories.get(name, none)[samples] for histories in touching.values()]
+            out.append(SampledParameter(of_flight(name, flight), weights, np.reshape(shapes, (-1, time.size))))
         return out
+
+    middle = local[:, local.shape[1] // 2]
+    read: list[SampledParameter] = []
+    for pair in (GYROS, ACCELEROMETERS):
+        first, second = rows(pair)
+        projected = ((first.shapes + 1j * second.shapes) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
+        read += [replace(first, shapes=projected.real), replace(second, shapes=projected.imag)]
+    others = [each for name in OTHERS for each in rows((name,))]
+    return (*_splined(time[middle], read), *_splined(time, others))
 
 
 def _shapes(spline: PPoly, time: FloatArray) -> FloatArray:
@@ -426,8 +383,7 @@ def _shapes(spline: PPoly, time: FloatArray) -> FloatArray:
 
 def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[TimeVaryingParameter]:
     """The courses at any times, by cubic splines through `time` (n,) s; those without weights left out."""
-    together = CubicSpline(time, np.concatenate([each.shapes for each in rows]).T)
-    last = 0
+    together, last = CubicSpline(time, np.concatenate([each.shapes for each in rows]).T), 0
     for each in rows:
         first, last = last, last + len(each.weights)
         if each.weights:
@@ -445,35 +401,29 @@ def record_errors(
     """
     found = []
     for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True)):
-        found_here: dict[Tolerated, Histories] = {}
-        for value, histories in (
-            *_of_effects(flight, frame.reconstructions[number], smooth),
-            *_of_moments(frame, number, flight, modelled),
-        ):
+        gravity, errors = frame.reconstructions[number].gravity_body, dict[Tolerated, Histories]()
+        every = chain(_of_effects(flight, gravity, smooth), _of_moments(frame, number, flight, modelled))
+        for value, histories in every:
             observed = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
             if observed:
-                found_here[value] = observed
-        found.append(RecordErrors(number, found_here))
+                errors[value] = observed
+        found.append(errors)
     return tuple(found)
 
 
 def _of_effects(
-    flight: Flight, reconstruction: Reconstruction, smooth: SmoothInputs
+    flight: Flight, gravity: FloatArray, smooth: SmoothInputs
 ) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
     for effect in nuisance_effects():
         for name, units, size in effect.components(flight):
             more, less = (effect.perturb(flight, name, sign * size) for sign in (1.0, -1.0))
-            histories = _histories(flight, more, less, reconstruction.gravity_body, smooth)
-            yield Tolerated(effect.name, name, units, size), histories
+            yield Tolerated(effect.name, name, units, size), _histories(flight, more, less, gravity, smooth)
 
 
 def _histories(
     flight: Flight, more: Flight, less: Flight, gravity: FloatArray, smooth: SmoothInputs
 ) -> dict[str, FloatArray | float]:
-    """What half the difference of two records does in the equations, by name of the history.
-
-    The true motion stays as it is.
-    """
+    """What half the difference of two records does in the equations, by name; the true motion stays as it is."""
 
     def change(quantity: Callable[[Flight], Any]) -> FloatArray:
         return np.asarray(0.5 * (quantity(more) - quantity(less)))

@@ -8,8 +8,7 @@ of length h (Hargraves and Paris, J. Guidance 10, 1987)
     x_mid  = (x_k + x_k+1) / 2 + h / 8 (f_k - f_k+1)
     defect = x_k+1 - x_k - h / 6 (f_k + 4 f_mid + f_k+1)
 
-which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion. Entrances:
-`evaluate`, `jacobian`, `evaluate_segment`, `linearise_segment`.
+which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion.
 """
 
 from __future__ import annotations
@@ -31,16 +30,13 @@ from brv_hypo.likelihood.segment import Grid, SampledParameter, Weights
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# ---- First derivatives of the user's functions ----
-
 
 @dataclass(frozen=True)
 class Differenced:
     """A function (x, u, theta, t[, delayed]) -> (m, n) whose derivatives are central differences."""
 
     function: Callable[..., Any]
-    affine: frozenset[str] = frozenset()
-    """Parameters and time-varying ones in which the function is affine, all else held: one difference is exact."""
+    affine: frozenset[str] = frozenset()  # in which the function is affine, all else held: one difference is exact
 
     def __call__(self, *arguments: Any) -> Any:
         """The function."""
@@ -49,6 +45,7 @@ class Differenced:
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
+Values = Mapping[str, Any]  # of parameters, by name
 
 _COMPLEX_STEP = 1e-30
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
@@ -56,8 +53,7 @@ _AGREEMENT = 1e-4  # largest relative difference to central differences at which
 _BLOCK_ROUNDING = 1e-8  # rounding of central differences, against the largest derivative of a block
 
 _NEXT_TO_ZERO = 1e-8  # magnitude of a start value below which it may be meant as 0
-_NEGLIGIBLE = 1e-6
-"""Magnitude of a parameter, against what moves a function by its own size, that is too small for a step."""
+_NEGLIGIBLE = 1e-6  # magnitude of a parameter, against what moves a function by its own size, too small for a step
 
 
 class Delayed(NamedTuple):
@@ -80,34 +76,23 @@ class Points:
 
 
 class Jacobian(NamedTuple):
-    """Value (m, n) and derivatives by states, parameters and delayed states.
+    """Value and derivatives by states, parameters and, by the name of their delay, delayed states."""
 
-    `by_state` is (n, m, n_states), `by_parameter` (n, m, p), `by_delayed` (n, m, n_states) by name.
-    """
-
-    value: FloatArray
-    by_state: FloatArray
-    by_parameter: FloatArray
-    by_delayed: dict[str, FloatArray]
+    value: FloatArray  # (m, n)
+    by_state: FloatArray  # (n, m, n_states)
+    by_parameter: FloatArray  # (n, m, p)
+    by_delayed: dict[str, FloatArray]  # (n, m, n_states)
 
 
-def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
+def evaluate(function: Function, points: Points, theta: Values) -> FloatArray:
     """The function's value, (m, n)."""
     return np.asarray(_call(function, points.x, points, _with_time_varying(points, theta), points.delayed))
 
 
 def jacobian(
-    function: Function,
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    method: Method,
-    scale: Mapping[str, float],
+    function: Function, points: Points, theta: Values, names: tuple[str, ...], method: Method, scale: Values
 ) -> Jacobian:
-    """Value and first derivatives at all points; weights of a time-varying parameter through that parameter.
-
-    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
-    """
+    """Value and derivatives at all points by the named parameters, of sizes `scale`; weights through what they vary."""
     n_states = points.x.shape[0]
     theta = _with_time_varying(points, theta)
     kind: type = complex if method == "complex" else float
@@ -161,20 +146,13 @@ def jacobian(
     ]
     for name, before in delayed.items():
         columns += [derivative(along_row(before.x, row), _size(points.delayed[name].x[row])) for row in range(n_states)]
-    stacked = np.stack(columns, axis=-1)
-    last = n_states + len(names)
-    by_delayed = {
-        name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
-    }
-    return Jacobian(value, stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+    ends = np.cumsum([n_states, len(names), *(n_states for _ in delayed)])
+    by_state, by_parameter, *late = np.split(np.stack(columns, axis=-1), ends[:-1], axis=2)
+    return Jacobian(value, by_state, by_parameter, dict(zip(delayed, late, strict=True)))
 
 
 def choose_method(
-    functions: tuple[Function, ...],
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    scale: Mapping[str, float],
+    functions: tuple[Function, ...], points: Points, theta: Values, names: tuple[str, ...], scale: Mapping[str, float]
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
     if any(isinstance(function, Differenced) for function in functions):
@@ -187,23 +165,22 @@ def choose_method(
                 exact = jacobian(function, points, theta, names, "complex", scale)
         except (TypeError, np.exceptions.ComplexWarning):
             return "central"
-        pairs = zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True)
-        if not all(_agree(a, b) for a, b in pairs):
-            return "central"
+        for a, b in zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True):
+            # Each entry, (n, m, columns), over the samples, rounding of the whole block aside.
+            size = np.abs(b).max(axis=0, initial=0.0)
+            allowed = _AGREEMENT * size + _BLOCK_ROUNDING * size.max(initial=0.0)
+            if not (np.all(np.isfinite(a)) and np.all(np.abs(a - b) <= allowed)):
+                return "central"
     return "complex"
 
 
 def parameter_scales(
-    functions: tuple[Function, ...],
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    known: Mapping[str, float] | None = None,
+    functions: tuple[Function, ...], points: Points, theta: Values, names: tuple[str, ...], known: Values | None = None
 ) -> dict[str, float]:
     """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 
-    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function by
-    as much as the function's own size, at most 1: then it has that change. `known` gives the size of some beforehand.
+    Its own magnitude, or, where that is next to nothing against it, the change that would move a function by as much
+    as the function's own size, at most 1. `known` gives the size of some beforehand.
     """
     known = known or {}
     scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}
@@ -224,12 +201,8 @@ def parameter_scales(
     return scale
 
 
-def check_shape(function: Function, points: Points, theta: Mapping[str, float], rows: int, what: str) -> None:
-    """Refuse a function whose value has the wrong shape or is not finite at the start.
-
-    Raises:
-        UsageError: with what was got and what was expected.
-    """
+def check_shape(function: Function, points: Points, theta: Values, rows: int, what: str) -> None:
+    """UsageError for a function whose value has the wrong shape or is not finite at the start."""
     value = evaluate(function, points, theta)
     expected = (rows, points.t.size)
     if value.shape != expected:
@@ -243,34 +216,22 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
         )
 
 
-def _with_time_varying(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
+def _with_time_varying(points: Points, theta: Values) -> dict[str, Any]:
     """The parameters, and the time-varying ones at their values."""
     return {varying.name: varying.at(theta) for varying in points.time_varying} | dict(theta)
 
 
-def _call(
-    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
-) -> Any:
-    if delayed:
-        return function(x, points.u, theta, points.t, delayed)
-    return function(x, points.u, theta, points.t)
+def _call(function: Function, x: FloatArray, points: Points, theta: Values, delayed: Mapping[str, Delayed]) -> Any:
+    return function(x, points.u, theta, points.t, *((delayed,) if delayed else ()))
 
 
-def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
-    """Size of the largest parameter, for a difference step."""
-    return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
+def _largest_size(names: Collection[str], theta: Values, scale: Mapping[str, float]) -> float:
+    return float(max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names))
 
 
 def _size(row: FloatArray) -> float:
     size = float(np.sqrt(np.mean(row**2)))
     return size if size > 0 else 1.0
-
-
-def _agree(exact: FloatArray, central: FloatArray) -> bool:
-    """Whether each entry, (n, m, columns), agrees over the samples, rounding of the whole block aside."""
-    size = np.abs(central).max(axis=0, initial=0.0)
-    allowed = _AGREEMENT * size + _BLOCK_ROUNDING * size.max(initial=0.0)
-    return bool(np.all(np.isfinite(exact)) and np.all(np.abs(exact - central) <= allowed))
 
 
 # ---- The dynamics as defects between samples, linearised over a whole segment ----
@@ -289,27 +250,21 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One segment about states x and those p parameters that act in it: `own` (p,), places among all.
+    """One segment about states x and those p parameters that act in it."""
 
-    `by_delayed` are the derivatives by all states that delays add, of all defects and outputs one after the other,
-    ((n - 1) n_states or n n_outputs, n n_states); None where there are none.
-    """
-
-    own: IntArray
-
+    own: IntArray  # their places among all, (p,)
     defect: FloatArray  # defects, (n - 1, n_states)
     defect_by_state: FloatArray  # by the states before and after, (n - 1, 2, n_states, n_states)
+    # by all states that delays add, all defects one after the other, ((n - 1) n_states, n n_states); None without any
     defect_by_delayed: csr_array[np.float64] | None
     defect_by_parameter: FloatArray  # (n - 1, n_states, p)
     output: FloatArray  # predicted outputs, (n, n_outputs)
     output_by_state: FloatArray  # by the state of the sample, (n, n_outputs, n_states)
-    output_by_delayed: csr_array[np.float64] | None
+    output_by_delayed: csr_array[np.float64] | None  # the same of outputs, (n n_outputs, n n_states)
     output_by_parameter: FloatArray  # (n, n_outputs, p)
 
 
-def evaluate_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
+def evaluate_segment(model: Model, grid: Grid, x: FloatArray, theta: Values) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
     there = _There(model, grid, x, theta)
     f, f_end = there.slopes
@@ -317,23 +272,39 @@ def evaluate_segment(
     return there.defect(f, f_mid, f_end), evaluate(model.outputs, there.at_samples, theta).T
 
 
-def linearise_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
-) -> Linearisation:
+def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, names: tuple[str, ...]) -> Linearisation:
     """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
     there = _There(model, grid, x, theta)
+    jumped = x[:, 1:] if grid.jumps else x[:, :0]
+    everywhere = there.points(slice(None), np.concatenate([x, there.halfway, jumped], axis=1))
     own = [k for k, name in enumerate(names) if name not in grid.ignores]
     acting = tuple(names[k] for k in own)
-    slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, model.scale)
+    slope = jacobian(model.dynamics, everywhere, theta, acting, model.method, model.scale)
     output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, model.scale)
-    late = [(there.back[name][0][: grid.n], block) for name, block in output.by_delayed.items()]
+    h, parts = grid.step[:, None, None], grid.intervals
+    a, a_mid, a_end = (slope.by_state[where] for where in parts)
+    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
+    through_mid, unit = h / 3 * a_mid, np.eye(a.shape[1])
+    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
+    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
+    late = []
+    for name, by_delayed in slope.by_delayed.items():
+        d, d_mid, d_end = (by_delayed[where] for where in parts)
+        weights, _ = there.back[name]
+        late += [
+            (weights[: grid.n - 1], -h / 6 * d - h / 4 * (through_mid @ d)),
+            (weights[1 : grid.n], -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
+            (weights[parts[1]], -2 * h / 3 * d_mid),
+        ]
     return Linearisation(
         own=np.array(own, dtype=np.int64),
-        defect=there.defect(*(slope.value[:, where] for where in grid.intervals)),
-        **_defect_derivatives(grid, slope, there.back),
+        defect=there.defect(*(slope.value[:, where] for where in parts)),
+        defect_by_state=np.stack([here - unit, after + unit], axis=1),
+        defect_by_delayed=_by_delayed(late),
+        defect_by_parameter=-h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end)),
         output=output.value.T,
         output_by_state=output.by_state,
-        output_by_delayed=_by_delayed(late),
+        output_by_delayed=_by_delayed([(there.back[name][0][: grid.n], d) for name, d in output.by_delayed.items()]),
         output_by_parameter=output.by_parameter,
     )
 
@@ -345,7 +316,7 @@ class _There:
     model: Model  # the functions
     grid: Grid  # the segment
     x: FloatArray  # its states, (n_states, n)
-    theta: Mapping[str, float]  # parameters by name
+    theta: Values  # parameters by name
 
     @cached_property
     def back(self) -> Mapping[str, Weights]:
@@ -372,60 +343,26 @@ class _There:
         f, f_end = self.slopes
         return np.asarray(0.5 * (self.x[:, :-1] + self.x[:, 1:]) + self.grid.step / 8 * (f - f_end))
 
-    @property
-    def everywhere(self) -> Points:
-        """Samples, midpoints and ends where inputs jump."""
-        jumped = self.x[:, 1:] if self.grid.jumps else self.x[:, :0]
-        return self.points(slice(None), np.concatenate([self.x, self.halfway, jumped], axis=1))
-
     def defect(self, f: FloatArray, f_mid: FloatArray, f_end: FloatArray) -> FloatArray:
         """Of each interval, (intervals, n_states), by the dynamics at its start, midpoint and end."""
         return np.asarray(np.diff(self.x, axis=1) - self.grid.step / 6 * (f + 4 * f_mid + f_end)).T
 
     def points(self, where: slice, at: FloatArray) -> Points:
         """Some of the grid's times, with the states `at` them, and what the delays see there."""
-        delayed: dict[str, Delayed] = {}
-        rates: dict[str, Delayed] = {}
+        late: dict[str, tuple[Delayed, Delayed]] = {}  # values and their rates
         u = self.grid.u[:, : self.grid.n]
         for name, weights in self.back.items():
-            value, rate = (each[where].T for each in weights)
-            delayed[name] = Delayed(np.asarray(self.x @ value), np.asarray(u @ value))
-            rates[name] = Delayed(np.asarray(self.x @ rate), np.asarray(u @ rate))
+            value, rate = (Delayed(np.asarray(self.x @ w[where].T), np.asarray(u @ w[where].T)) for w in weights)
+            late[name] = value, rate
+        delayed, rates = ({name: each[k] for name, each in late.items()} for k in (0, 1))
         time_varying = tuple(varying.part(where) for varying in self.grid.time_varying)
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 
 
-def start_points(model: Model, grid: Grid, theta: Mapping[str, float]) -> Points:
+def start_points(model: Model, grid: Grid, theta: Values) -> Points:
     """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
     return _There(model, grid, x, theta).at_samples
-
-
-def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Weights]) -> dict[str, Any]:
-    """Those of the defects, by their names in `Linearisation`."""
-    h = grid.step[:, None, None]
-    parts = grid.intervals
-    a, a_mid, a_end = (slope.by_state[where] for where in parts)
-    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
-    by_parameter = -h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end))
-    through_mid = h / 3 * a_mid
-    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
-    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
-    unit = np.eye(a.shape[1])
-    late = []
-    for name, by_delayed in slope.by_delayed.items():
-        d, d_mid, d_end = (by_delayed[where] for where in parts)
-        weights, _ = back[name]
-        late += [
-            (weights[: grid.n - 1], -h / 6 * d - h / 4 * (through_mid @ d)),
-            (weights[1 : grid.n], -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
-            (weights[parts[1]], -2 * h / 3 * d_mid),
-        ]
-    return {
-        "defect_by_state": np.stack([here - unit, after + unit], axis=1),
-        "defect_by_delayed": _by_delayed(late),
-        "defect_by_parameter": by_parameter,
-    }
 
 
 def _by_delayed(late: Sequence[tuple[csr_array[np.float64], FloatArray]]) -> csr_array[np.float64] | None:

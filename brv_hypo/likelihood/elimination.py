@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 
 
 def block_rows(blocks: FloatArray) -> csr_array[np.float64]:
-    """The sparse matrix whose row k of blocks acts on the states of samples k, k + 1, ...
-
-    `blocks` is (n_rows, width, m, n_states).
-    """
+    """The sparse matrix whose row k of `blocks` (rows, width, m, n_states) acts on states of samples k, k + 1, ..."""
     from scipy.sparse import bsr_array, csr_array  # here, for a cheap import of the package
 
     count, width, m, n_states = blocks.shape
@@ -91,8 +88,7 @@ def _residual_last(columns: FloatArray) -> FloatArray:
 
 
 _SINGULAR = 1e13  # condition, from the growth of a random right-hand side, at which states count as undetermined
-_FOLLOWED = 1e-7
-"""A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_FOLLOWED = 1e-7  # a parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data
 
 
 @dataclass(frozen=True)
@@ -102,10 +98,8 @@ class Eliminated:
     problem: Quadratic
     x: FloatArray  # change of the states, (n, n_states, 1 + p)
     multiplier: FloatArray  # of the dynamics, (n, n_states, 1 + p); row 0 is the initial state's
-    triangle: FloatArray
-    """That of `residuals` and of the whitened process noise, the constant part as last column, (1 + p, 1 + p)."""
-    void: BoolArray
-    """The parameters that the states can follow entirely, (p,): what is left of them is rounding, and set to zero."""
+    triangle: FloatArray  # that of residuals and whitened process noise, constant part last, (1 + p, 1 + p)
+    void: BoolArray  # the parameters that the states can follow entirely, (p,): only rounding is left, and set to zero
     log_det: float  # see `log_determinant`
 
     def whitened(self, sampled: slice) -> Whitened:
@@ -114,6 +108,9 @@ class Eliminated:
         by_parameter = found[:, :, 1:]
         by_parameter[:, :, self.void] = 0.0
         return Whitened(self.problem.own, found[:, :, 0], by_parameter)
+
+
+Segments = tuple[Eliminated, ...]
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:

@@ -7,7 +7,7 @@ For linear dynamics, and to the order of Laplace's approximation otherwise,
 
 with C(Q, R) the covariance of the outputs and K, D the matrices of `elimination` (Schweppe, IEEE Trans. Information
 Theory 11 (1965) 61). At Q = 0 it is that of R and output error remains. `determinant` is what C adds, the initial state
-held; `determinant_gradient` its derivative by theta, the states following.
+held; `determinant_gradients` their derivatives by theta, the states following.
 
 C is linear in the variances. They are estimated by Fisher scoring of their logarithms, free initial states and theta
 integrated out, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson, Biometrika 58 (1971)
@@ -15,8 +15,7 @@ integrated out, which adds 1/2 log det I(theta) (restricted likelihood: Patterso
 Hessian is minus half the second derivative of log det C + log det I.
 
 Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
-with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
-`scored` and `noise_errors`, which also says which variances went to 0.
+with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, log_determinant
+from brv_hypo.likelihood.elimination import Segments, log_determinant
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -42,14 +41,23 @@ from brv_hypo.likelihood.gauss_newton import (
 )
 from brv_hypo.likelihood.statistics import log_determinant_of
 
-Variances = Sequence[tuple[FloatArray, FloatArray]]
-"""Process noise (n_states,) per root second, and variances of the measurement noise (n_outputs,)."""
+Variances = Sequence[tuple[FloatArray, FloatArray]]  # process noise (n_states,) and variances (n_outputs,)
 
 # ---- The determinant that integrating the states out adds, and its gradient ----
 
 
-_THETA_STEP = 1e-4
-"""Change of a parameter, in its size, for the gradient: truncation 1e-8 of the third derivative, rounding 1e-6."""
+_THETA_STEP = 1e-4  # change of a parameter, in its size, for the gradient: third derivative 1e-8, rounding 1e-6
+_DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
+_SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
+_ROUNDING = 1e-4  # information on the logarithm of a variance that is no more than rounding: only its gradient is used
+_LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
+_HALVINGS = 5
+_SCORINGS = 6  # steps on one linearisation at most
+_CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
+_VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
+_UNSEEN = 1e-10  # singular value of scaled sensitivities, against the largest, that the data do not see
+_LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
+_POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
@@ -72,16 +80,8 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
-def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> FloatArray:
-    """Its derivative by theta, (p,), the states following."""
-    here = [(problem.process_noise, iterate.variance)]
-    return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
-
-
-def _determinant_gradients(
-    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], variances: Variances
-) -> FloatArray:
-    """Derivatives of the determinants by theta, the states following, (k, p)."""
+def determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
+    """Derivatives of the determinants with several variances by theta, the states following, (k, p)."""
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
     for i, name in enumerate(names):
@@ -90,15 +90,18 @@ def _determinant_gradients(
         turned = [np.append(0.0, np.where(s.void, 0.0, direction[s.problem.own])) for s in segments]
         follow = [(s.x @ along).T * problem.size[:, None] for s, along in zip(segments, turned, strict=True)]
         up, down = (
-            replace(
-                iterate,
-                theta=iterate.theta + move * direction,
-                x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
+            _determinants(
+                problem,
+                replace(
+                    iterate,
+                    theta=iterate.theta + move * direction,
+                    x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
+                ),
+                variances,
             )
             for move in (step, -step)
         )
-        change = _determinants(problem, up, variances) - _determinants(problem, down, variances)
-        gradients[:, i] = change / (2.0 * step)
+        gradients[:, i] = (up - down) / (2.0 * step)
     return gradients
 
 
@@ -114,14 +117,12 @@ def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
 
 
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on, and their NLLF.
-
-    By segment, (n_outputs, n), nan in gaps; the NLLF of Eq. 3.10 (E8).
+    """Innovations (n_outputs, n) of the Kalman filter about the smoothed states, nan in gaps; their NLLF (Eq. 3.10,
+    E8).
     """
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
 
-    theta = problem.parameters.as_mapping(iterate.theta)
-    innovations, nllf = [], 0.0
+    theta, innovations, nllf = problem.parameters.as_mapping(iterate.theta), [], 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         linear = linearise_segment(problem.model, grid, x, theta, ())
         before, after = linear.defect_by_state[:, 0], linear.defect_by_state[:, 1]
@@ -148,19 +149,6 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 
 
 # ---- Noise variances: Fisher scoring of all variances together ----
-
-
-_DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
-_SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
-_ROUNDING = 1e-4
-"""Information on the logarithm of a variance that is no more than rounding: only its gradient is used."""
-_LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
-_HALVINGS = 5
-_SCORINGS = 6  # steps on one linearisation at most
-_CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
-_VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
-_UNSEEN = 1e-10
-"""Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
 
 
 @dataclass(frozen=True)
@@ -227,11 +215,8 @@ def scored(
 ) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    Returns:
-        Where they led, and the lengths of the steps in standard errors, 0 for none.
-
-    Raises:
-        SingularStatesError: the outputs leave a state undetermined.
+    Where they led, and the lengths of the steps in standard errors, 0 for none. Raises SingularStatesError where the
+    outputs leave a state undetermined.
     """
     solved = Solved(problem, iterate, directions, linear)
     lengths = []
@@ -240,21 +225,17 @@ def scored(
     for number in range(_SCORINGS if directions.count else 0):
         before, gradient = gradient, solved.gradient()
         if number:
-            information = _updated(information, gradient - before, move)
+            # The Hessian that agrees (BFGS) with the change of the gradient, if it is positive-definite then.
+            change, pull = gradient - before, information @ move
+            along, expected = float(change @ move), float(pull @ move)
+            if along > _CURVED * expected:
+                information = information + np.outer(change, change) / along - np.outer(pull, pull) / expected
         score = Score(gradient, information)
         solved, move = solved.along(score.step())
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
     return solved, lengths or [0.0]
-
-
-def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
-    """The Hessian that agrees (BFGS) with the change of the gradient over a move, if it is positive-definite then."""
-    along, pull = float(change @ move), information @ move
-    if not along > _CURVED * float(pull @ move):
-        return information
-    return np.asarray(information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move))
 
 
 @dataclass(frozen=True)
@@ -267,7 +248,7 @@ class Solved:
     linear: Sequence[Linearisation]  # the linearisation
 
     @cached_property
-    def segments(self) -> tuple[Eliminated, ...]:
+    def segments(self) -> Segments:
         """The segments, states integrated out."""
         return sensitivities(self.problem, self.iterate, self.linear)
 
@@ -276,7 +257,18 @@ class Solved:
         """log det C + log det I(theta), but for a constant."""
         measured = sum(log_determinant_of(self.iterate.variance, grid.measured) for grid in self.problem.grids)
         states = sum(segment.log_det for segment in self.segments)
-        return measured + states + _log_det_information(self.problem, self.iterate, self.segments)
+        # I(theta), priors in it, over what the data and the bounds leave free.
+        parameters, theta = self.problem.parameters, self.iterate.theta
+        inside = (theta > parameters.lower) & (theta < parameters.upper)
+        p = inside.size
+        rows = np.concatenate([information_factor(self.segments, p)[:p, :p], np.diag(1.0 / parameters.prior_std)])
+        size = np.linalg.norm(rows, axis=0)
+        free = np.flatnonzero(inside & (size > 0.0))
+        _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
+        kept = singular > _UNSEEN * singular.max(initial=0.0)
+        unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
+        known = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
+        return float(measured + states + (known + np.linalg.slogdet(unseen @ unseen.T)[1]))
 
     @cached_property
     def nllf(self) -> float:
@@ -329,29 +321,7 @@ class Solved:
             yield Solved(problem, iterate, self.directions, self.linear)
 
 
-def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> float:
-    """log det I(theta), priors in it, over what the data and the bounds leave free."""
-    parameters = problem.parameters
-    inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
-    p = inside.size
-    data = information_factor(segments, p)[:p, :p]
-    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
-    size = np.linalg.norm(rows, axis=0)
-    free = np.flatnonzero(inside & (size > 0.0))
-    _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
-    kept = singular > _UNSEEN * singular.max(initial=0.0)
-    unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
-    found = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
-    return float(found + np.linalg.slogdet(unseen @ unseen.T)[1])
-
-
-_LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
-_POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
-
-
-def with_unknown_variances(
-    here: Solved, score: Score, segments: Sequence[Eliminated], covariance: FloatArray
-) -> FloatArray:
+def with_unknown_variances(here: Solved, score: Score, segments: Segments, covariance: FloatArray) -> FloatArray:
     """The covariance of theta (p, p), nan where it was."""
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     weight, axes = np.linalg.eigh(score.spread)
@@ -359,7 +329,7 @@ def with_unknown_variances(
     if not known.size or not weight.size:
         return covariance
     factors = 1.0 + _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
-    gradients = _determinant_gradients(here.problem, here.iterate, segments, here.variances(factors))
+    gradients = determinant_gradients(here.problem, here.iterate, segments, here.variances(factors))
     for row, solved in zip(gradients, here.with_factors(factors), strict=True):
         triangle = information_factor(solved.segments, row.size)
         row += triangle[:, :-1].T @ triangle[:, -1]  # of the objective, the states following
@@ -372,25 +342,17 @@ def with_unknown_variances(
     return found
 
 
-@dataclass(frozen=True)
-class NoiseErrors:
-    """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
-    (n_outputs,); nan where they were given or vanished, and in output error. `covariance` (p, p) is that of theta, what
-    not knowing the variances adds to it included. `remarks` name those that vanished.
-    """
-
-    process: FloatArray
-    measurement: FloatArray
-    covariance: FloatArray
-    remarks: tuple[str, ...] = ()
-
-
 def noise_errors(
-    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Eliminated], covariance: FloatArray
-) -> NoiseErrors:
-    """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
+    problem: Problem, iterate: Iterate, directions: Directions, segments: Segments, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+    """Standard errors of the noises' standard deviations, from the expected Hessian, and covariance of theta (p, p).
+
+    Those of process noise (n_states,) per root second and of outputs (n_outputs,): nan where given or vanished, and in
+    output error. To the `covariance` with the variances as they are comes what not knowing them adds. Last, remarks
+    that name those that vanished.
+    """
     process, measurement = np.full(problem.process_noise.size, np.nan), np.full(iterate.variance.size, np.nan)
-    unknown = NoiseErrors(process, measurement, covariance)
+    unknown = process, measurement, covariance, ()
     if not directions.count or not np.any(problem.process_noise):
         return unknown
     solved = Solved(problem, iterate, directions, linearised(problem, iterate))
@@ -405,7 +367,7 @@ def noise_errors(
     driven, outputs = list(directions.driven), list(directions.outputs)
     process[driven] = problem.process_noise[driven] * of_driven
     measurement[outputs] = np.sqrt(iterate.variance[outputs]) * of_outputs
-    return NoiseErrors(process, measurement, covariance, _remarks(problem, directions, score.vanished))
+    return process, measurement, covariance, _remarks(problem, directions, score.vanished)
 
 
 def _remarks(problem: Problem, directions: Directions, gone: BoolArray) -> tuple[str, ...]:

@@ -9,24 +9,15 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood import starts
 from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose_method, parameter_scales, start_points
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
-from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
-from brv_hypo.likelihood.starts import (
-    begin,
-    best_of,
-    bridged,
-    chosen,
-    first_noises,
-    pieces_of,
-    refine,
-    state_sizes,
-    states_from_outputs,
-    stretches,
-)
+from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters
 from brv_hypo.progress import Progress, report_to, silent
+
+_LONGEST = 100_000  # samples up to which a second starting point is tried
 
 
 def fit(
@@ -130,7 +121,7 @@ def fit(
         near_start=near_start,
         options=options,
     )
-    return task.solve(segments, 1) if near_start else refine(segments, task.solve)
+    return task.solve(segments, 1) if near_start else starts.refine(segments, task.solve)
 
 
 @dataclass(frozen=True)
@@ -151,67 +142,71 @@ class _Task:
     options: Options
 
     def solve(self, segments: Sequence[Segment], steps: int, before: FitResult | None = None) -> FitResult:
-        """The fit on one mesh of so many steps between samples, from where one on another mesh ended.
-
-        Across long gaps once more from the stretches between them, which process noise bridges itself.
+        """The fit on a mesh of so many steps between samples, from one on another mesh if there is one, across long
+        gaps too.
         """
         if before is not None:
-            theta = {name: before.theta[name] for name in self.theta0}
             driving = None if self.process_noise is None else before.process_noise
-            near = replace(
-                self, theta0=theta, process_noise=driving, first_noise=before.noise_variance, near_start=True
-            )
+            near = replace(self._near(before), process_noise=driving, first_noise=before.noise_variance)
             return near._solve(segments, steps)
         found = self._solve(segments, steps)
         driven = self.process_noise is not None and np.any(self.process_noise)
-        between = () if self.near_start or self.delays or driven else stretches(segments)
+        between = () if self.near_start or self.delays or driven else starts.stretches(segments)
         if not between:
             return found
-        pieces = pieces_of(segments, between)
+        pieces = starts.pieces_of(segments, between)
         part = self._solve(pieces, steps)
         if not part.converged:
             return found
-        theta = {name: part.theta[name] for name in self.theta0}
         known = [(piece.t[::steps], states) for piece, states in zip(pieces, part.states, strict=True)]
-        whole = bridged(segments, between, known)
-        again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
-        return chosen({"the whole record": found, "the stretches between gaps": again})
+        again = self._near(part)._solve(starts.bridged(segments, between, known), steps)
+        return starts.chosen({"the whole record": found, "the stretches between gaps": again})
+
+    def _near(self, found: FitResult) -> _Task:
+        return replace(self, theta0={name: found.theta[name] for name in self.theta0}, near_start=True)
 
     def _solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
         if not grids:
             raise UsageError("no segments were given; expected at least one")
-        check_consistent(grids)
+        for what, counts in (
+            ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
+            ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
+            ("outputs (rows of y)", [grid.y.shape[0] for grid in grids]),
+        ):
+            if len(set(counts)) > 1:
+                raise UsageError(
+                    f"the segments have {counts} {what}; expected the same number in each, since one model describes "
+                    "them all. An output that a segment lacks is a row of NaN"
+                )
         # A delay may reach over a quarter of the shortest segment, either way, where the user set no bounds.
         longest = min(float(g.step.sum()) for g in grids) / 4
         limits = dict.fromkeys(self.delays, (-longest, longest)) | dict(self.bounds)
         parameters = build_parameters(self.theta0, limits, self.priors)
         model = self._model(grids, parameters)
-        histories = states_from_outputs(model, grids, parameters, parameters.start)
+        histories = starts.states_from_outputs(model, grids, parameters, parameters.start)
         problem = Problem(
             model=model,
             grids=grids,
             parameters=parameters,
-            size=state_sizes(histories),
+            size=starts.state_sizes(histories),
             process_noise=self._driving(grids[0].start.shape[0]),
             reach=parameters.spread(self.reach, np.inf),
         )
-        y = np.concatenate([g.y for g in grids], axis=1)
-        known = None if self.noise is None else _variance(self.noise, len(y))
-
-        def run(first: FloatArray) -> FitResult:
-            begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
-            if known is not None:
-                iterate = replace(iterate, variance=known)
-            return assess(search(begun, iterate, self.options), self.options, steps)
-
-        noises = first_noises(y)
+        noises = starts.first_noises(np.concatenate([g.y for g in grids], axis=1))
+        known = None if self.noise is None else _variance(self.noise, len(grids[0].y))
         if known is not None:
             noises = {"the noise that was given": known} | noises
         if self.near_start and self.first_noise is not None:
-            noises = {"an earlier fit": _variance(self.first_noise, len(y))} | noises
-        alone = self.near_start or y.shape[1] > _LONGEST
-        return best_of(noises, run, alone=alone, known=known is not None)
+            noises = {"an earlier fit": _variance(self.first_noise, len(grids[0].y))} | noises
+
+        def run(first: FloatArray) -> FitResult:
+            begun, iterate = starts.begin(problem, Iterate(histories, parameters.start, first), self.near_start)
+            iterate = iterate if known is None else replace(iterate, variance=known)
+            return assess(search(begun, iterate, self.options), self.options, steps)
+
+        alone = self.near_start or sum(g.n for g in grids) > _LONGEST
+        return starts.best_of(noises, run, alone=alone, known=known is not None)
 
     def _driving(self, n_states: int) -> FloatArray:
         """Process noise of each state, (n_states,)."""
@@ -233,20 +228,15 @@ class _Task:
         unknown = sorted(set(self.delays) - set(theta))
         if unknown:
             raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
-        model = Model(self.dynamics, self.outputs, self.delays)
-        for grid in grids:
-            points = start_points(model, grid, theta)
+        model, functions = Model(self.dynamics, self.outputs, self.delays), (self.dynamics, self.outputs)
+        starts = [start_points(model, grid, theta) for grid in grids]
+        for grid, points in zip(grids, starts, strict=True):
             check_shape(self.dynamics, points, theta, grid.start.shape[0], "dynamics")
             check_shape(self.outputs, points, theta, grid.y.shape[0], "outputs")
-        functions = (self.dynamics, self.outputs)
-        points = start_points(model, grids[0], theta)
         priors = {name: std for name, (_, std) in self.priors.items() if np.isfinite(std)}
-        scale = parameter_scales(functions, points, theta, parameters.names, priors)
-        method = choose_method(functions, points, theta, parameters.names, scale)
+        scale = parameter_scales(functions, starts[0], theta, parameters.names, priors)
+        method = choose_method(functions, starts[0], theta, parameters.names, scale)
         return replace(model, method=method, scale=scale)
-
-
-_LONGEST = 100_000  # samples up to which a second starting point is tried
 
 
 def _variance(given: FloatArray, n_outputs: int) -> FloatArray:

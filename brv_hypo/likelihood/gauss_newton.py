@@ -2,9 +2,8 @@
 
 The states of each segment are eliminated first (`elimination`), which leaves a small bounded least-squares problem in
 theta with its priors; the states then follow. The line search weighs the objective against the violation of the
-dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to
-each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`,
-`Extrapolation`.
+dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to each
+other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`, `Extrapolation`.
 """
 
 from __future__ import annotations
@@ -17,22 +16,21 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, Quadratic, block_rows, eliminate, upper_triangle
+from brv_hypo.likelihood.elimination import Quadratic, Segments, block_rows, eliminate, upper_triangle
 from brv_hypo.likelihood.segment import Grid, Parameters
 from brv_hypo.likelihood.statistics import whitening
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
-
-_RANK_TOLERANCE = 1e-10
-"""Directions of the column-scaled sensitivities of less than this fraction of the largest are left at rest."""
+_RANK_TOLERANCE = 1e-10  # of the largest: directions of the column-scaled sensitivities below are left at rest
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
 _ANCHOR = 10.0  # standard deviation, in sizes of the state, by which an anchored initial state may move in one step
+_HALVINGS = 12
+_SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,8 @@ class Problem:
     grids: tuple[Grid, ...]  # the segments
     parameters: Parameters  # the free parameters
     size: FloatArray  # magnitude of each state, (n_states,)
-    process_noise: FloatArray
-    """Standard deviation of the noise that drives each state, (n_states,), per root second; 0 makes its dynamics a
-    constraint.
-    """
-    reach: FloatArray
-    """Largest change of each parameter in one step, (p,): infinite but for what acts alike over a short way only."""
+    process_noise: FloatArray  # what drives each state, (n_states,), per root second; 0: its dynamics hold exactly
+    reach: FloatArray  # largest change of each parameter in one step, (p,); mostly infinite
 
 
 @dataclass(frozen=True)
@@ -75,9 +69,7 @@ class Step:
 
 
 class SingularStatesError(ArithmeticError):
-    """The states of a segment cannot be determined from its outputs; `stiff` says whether the dynamics are so fast for
-    the mesh that rounding alone may be why.
-    """
+    """The states of a segment cannot be determined from its outputs, if `stiff` perhaps for rounding alone."""
 
     def __init__(self, segment: int, stiff: bool = False) -> None:
         what = "lost in rounding, its dynamics being stiff" if stiff else "not determined by its outputs"
@@ -88,31 +80,17 @@ class SingularStatesError(ArithmeticError):
 def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
     """Every segment about the iterate."""
     theta, names = problem.parameters.as_mapping(iterate.theta), problem.parameters.names
-    return tuple(
-        linearise_segment(problem.model, grid, x, theta, names)
-        for grid, x in zip(problem.grids, iterate.x, strict=True)
-    )
-
-
-def moved_to(problem: Problem, iterate: Iterate, near: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
-    """Every segment with the derivatives of an iterate so near that they hold here too."""
-    theta = problem.parameters.as_mapping(iterate.theta)
-    found = []
-    for grid, x, each in zip(problem.grids, iterate.x, near, strict=True):
-        defect, output = evaluate_segment(problem.model, grid, x, theta)
-        found.append(replace(each, defect=defect, output=output))
-    return tuple(found)
+    segments = zip(problem.grids, iterate.x, strict=True)
+    return tuple(linearise_segment(problem.model, grid, x, theta, names) for grid, x in segments)
 
 
 def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
-) -> tuple[Eliminated, ...]:
+) -> Segments:
     """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
 
     `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
-
-    Raises:
-        SingularStatesError: the outputs leave a state undetermined.
+    Raises SingularStatesError where the outputs leave a state undetermined.
     """
     linear = linearised(problem, iterate) if linear is None else linear
     found = []
@@ -129,11 +107,8 @@ def sensitivities(
     return tuple(found)
 
 
-def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
-    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1), of all p parameters.
-
-    Its first p columns factor the information matrix.
-    """
+def information_factor(segments: Segments, p: int) -> FloatArray:
+    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1), of all p parameters."""
     if len(segments) == 1:
         return segments[0].triangle
     rows = [np.zeros((len(segment.triangle), p + 1)) for segment in segments]
@@ -143,11 +118,7 @@ def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
 
 
 def gauss_newton_step(
-    problem: Problem,
-    iterate: Iterate,
-    segments: Sequence[Eliminated],
-    gradient: FloatArray | None = None,
-    frozen: bool = False,
+    problem: Problem, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
 ) -> Step:
     """The step that minimises the linearised problem within the bounds.
 
@@ -156,31 +127,27 @@ def gauss_newton_step(
     parameters = problem.parameters
     p = len(parameters.names)
     data = information_factor(segments, p)
-    informed = np.isfinite(parameters.prior_std)
-    prior = np.zeros((p, p + 1))
-    weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
-    prior[:, :p] = np.diag(weight)
-    prior[:, p] = np.where(informed, weight * (iterate.theta - parameters.prior_mean), 0.0)
-    system = np.concatenate([data, prior[informed]])
+    weight = 1.0 / parameters.prior_std
+    deviation = np.where(weight > 0.0, iterate.theta - parameters.prior_mean, 0.0)
+    prior = np.column_stack([np.diag(weight), weight * deviation])
+    system = np.concatenate([data, prior[weight > 0.0]])
     slope = np.zeros(p) if gradient is None else gradient
     tilted = system.copy()
     if gradient is not None:
         tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
     change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
-    x = []
-    multiplier = 0.0
+    x, multiplier = [], 0.0
     for segment in segments:
         weights = np.append(1.0, change[segment.problem.own])
         x.append((segment.x @ weights).T * problem.size[:, None])
         multiplier = max(multiplier, float(np.abs(segment.multiplier @ weights).max()))
-    length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     cost, violation = objective(problem, iterate)
     return Step(
         theta=change,
         x=tuple(x),
         triangle=data[:p, :p],
-        length=length,
+        length=float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p)),
         multiplier=multiplier,
         decrease=promised - cost,
         cost=cost,
@@ -189,10 +156,7 @@ def gauss_newton_step(
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """Half the weighted sum of squares, and the violation of the constraints.
-
-    The first of outputs, process noise and priors; the second in the L1 norm, scaled.
-    """
+    """Half the sum of squares of outputs, process noise and priors; violation of the constraints, L1 norm, scaled."""
     total, violation = 0.0, 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         theta = problem.parameters.as_mapping(iterate.theta)
@@ -267,10 +231,7 @@ def _variance(problem: Problem, grid: Grid) -> FloatArray:
 
 
 def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:
-    """Minimise |A d + b|, [A b] = `system`, within the bounds and the reach of a step.
-
-    Columns are scaled and near-null directions left at rest.
-    """
+    """Minimise |A d + b|, [A b] = `system`, within the bounds and the reach of a step; near-null directions rest."""
     from scipy.linalg import lstsq  # here, for a cheap import of the package
 
     p = theta.size
@@ -295,29 +256,20 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
     return np.asarray(change / norm)
 
 
-_HALVINGS = 12
-_SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
-
-
 def line_search(
-    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] | None = None
+    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] = lambda _: 0.0
 ) -> tuple[Iterate, float]:
-    """Halve the step until the merit falls enough; fraction 0 where it does not.
-
-    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is one.
-    """
-    merit = step.cost + penalty * step.violation + (term(iterate) if term else 0.0)
+    """Halve the step until the merit (objective, penalty times violation, `term`) falls enough; fraction 0 if never."""
+    merit = step.cost + penalty * step.violation + term(iterate)
     slope = step.decrease - penalty * step.violation
     slack = 1e-10 * (1.0 + abs(merit))
-    fraction = 1.0
-    for _ in range(_HALVINGS):
+    for fraction in 0.5 ** np.arange(_HALVINGS):
         trial = moved(problem, iterate, step, fraction)
         with np.errstate(all="ignore"):
             trial_cost, trial_violation = objective(problem, trial)
-            trial_merit = trial_cost + penalty * trial_violation + (term(trial) if term else 0.0)
+            trial_merit = trial_cost + penalty * trial_violation + term(trial)
         if np.isfinite(trial_merit) and trial_merit <= merit + _SUFFICIENT * fraction * slope + slack:
-            return trial, fraction
-        fraction *= 0.5
+            return trial, float(fraction)
     return iterate, 0.0
 
 
@@ -340,31 +292,24 @@ class Extrapolation:
 
     def improved(self, iterate: Iterate, step: Step) -> Step:
         """The step as it is, or the one that the last steps together promise to leave the least of."""
-        if np.any(self.problem.process_noise) or step.length > _NEAR:
-            self._past.clear()
-            return step
         before = self._past[-1][1].length if self._past else np.inf
-        if step.length > _WORSE * before:
+        far = bool(np.any(self.problem.process_noise)) or step.length > _NEAR
+        if far or step.length > _WORSE * before:
             self._past.clear()
+        if far:
+            return step
         self._past = [*self._past[-_MEMORY:], (iterate, step)]
         if len(self._past) < 2 or step.length < _SLOW * before:
             return step
-        return self._combined()
-
-    def _combined(self) -> Step:
-        _, step = self._past[-1]
         weigh = np.concatenate([step.triangle, np.diag(1.0 / self.problem.parameters.prior_std)])  # by information
-        moves = np.stack([each.theta for _, each in self._past], axis=1)
-        differences = weigh @ np.diff(moves, axis=1)
+        differences = weigh @ np.diff(np.stack([each.theta for _, each in self._past], axis=1), axis=1)
         left, singular, rotation = np.linalg.svd(differences, full_matrices=False)
         kept = singular > _INDEPENDENT * singular.max(initial=0.0)
         share = rotation[kept].T @ ((left[:, kept].T @ (weigh @ step.theta)) / singular[kept])
-        theta = step.theta.copy()
-        x = [each.copy() for each in step.x]
+        theta, x = step.theta.copy(), [each.copy() for each in step.x]
         for (old, old_step), (new, new_step), weight in zip(self._past, self._past[1:], share, strict=False):
             theta -= weight * (new.theta - old.theta + new_step.theta - old_step.theta)
             for s, into in enumerate(x):
                 into -= weight * (new.x[s] - old.x[s] + new_step.x[s] - old_step.x[s])
-        if not np.all(np.abs(theta) <= self.problem.reach):
-            return step
-        return replace(step, theta=theta, x=tuple(x))
+        within = np.all(np.abs(theta) <= self.problem.reach)
+        return replace(step, theta=theta, x=tuple(x)) if within else step

@@ -10,16 +10,17 @@ what process noise adds over the interval is no error of the mesh. A change dc o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood.collocation import Method, Points, evaluate
-from brv_hypo.likelihood.elimination import Eliminated
+from brv_hypo.likelihood.collocation import Method, Points, Values, evaluate
+from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.search import Iteration, Options, Outcome, Segments, Status, residuals
+from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
@@ -33,6 +34,12 @@ from brv_hypo.likelihood.statistics import (
     whiteness,
 )
 from brv_hypo.results import Row, Tabular
+
+_LAGS = 20  # lags of the whiteness test
+TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
+_NOISE_FREE = 1e-4  # residual over signal (rms) below which what is left and not white is no instrument's noise
+_ROUNDING = 1e-12  # the same of rounding
+_MOST_JUDGED = 8192  # samples of a segment up to which the mesh is judged: longer ones would take hours on finer ones
 
 
 @dataclass(frozen=True)
@@ -48,66 +55,33 @@ class StartingPoint:
 class FitResult(Tabular):
     """A maximum-likelihood fit; p free parameters in the order of `names`."""
 
-    status: Status
-    """How the search ended; equals its text, such as "converged"; `status.remedy` says what to try."""
-    message: str
-    """Cause and remedy where it did not converge."""
-    names: tuple[str, ...]
-    """The free parameters."""
-    theta: dict[str, float]
-    """Estimate by name, those held included."""
-    std_error: dict[str, float]
-    """Standard error by name, residuals taken as white; nan at a bound or where the data do not determine the
-    parameter.
-    """
+    status: Status  # how the search ended; equals its text, such as "converged"; `status.remedy` says what to try
+    message: str  # cause and remedy where it did not converge
+    names: tuple[str, ...]  # the free parameters
+    theta: dict[str, float]  # estimate by name, those held included
+    std_error: dict[str, float]  # by name, residuals taken as white; nan at a bound, or where not determined
+    # for coloured residuals (Morelli and Klein 1997): report this one; with process noise, their model, that above
     std_error_coloured: dict[str, float]
-    """The same, corrected for coloured residuals (Morelli and Klein 1997): report this one. With process noise, which
-    is itself the model of what colours the residuals, equal to std_error.
-    """
-    covariance: FloatArray
-    """(p, p), residuals taken as white."""
+    covariance: FloatArray  # (p, p), residuals taken as white
+    # minus the NLLF of Eq. 3.10 (E8), -1/2 sum(v' B^-1 v + log det B): without -1/2 N log(2 pi), as in the report
     log_likelihood: float
-    """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
-    left out, as in the report.
-    """
-    noise_variance: FloatArray
-    """Variances of the measurement noise, (n_outputs,); in output error the diagonal of B of Eq. 3.11."""
-    process_noise: FloatArray
-    """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
-    noise_std_error: FloatArray
-    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_variance`,
-    (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
-    """
-    process_noise_std_error: FloatArray
-    """The same of `process_noise`, (n_states,)."""
-    iterations: int
-    """Gauss-Newton steps taken in theta."""
-    history: tuple[Iteration, ...]
-    """NLLF, violation of the dynamics, step length and fraction after each iteration."""
-    identifiability: Identifiability
-    """Condition, and near-null directions by name."""
-    whiteness: tuple[Whiteness, ...]
-    """Test of each output's innovations."""
-    states: tuple[FloatArray, ...]
-    """By segment, (n_states, n)."""
-    innovations: tuple[FloatArray, ...]
-    """By segment, measured minus predicted output, (n_outputs, n); nan in gaps."""
-    at_bound: tuple[str, ...]
-    """Parameters that ended at a bound: their errors, and the meaning of the others', are conditional."""
-    derivatives: Method
-    """How the functions were differentiated."""
-    samples: int
-    """Number of measured values, all outputs and segments."""
-    mesh_shift: float = float("nan")
-    """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
-    between samples; nan where that is not known (delays, records of many thousand samples).
-    """
-    mesh_steps: int = 1
-    """Steps of the dynamics between samples."""
-    starting_points: tuple[StartingPoint, ...] = ()
-    """The searches that were compared, the first of them first; this is the best of them."""
-    remarks: tuple[str, ...] = ()
-    """What makes the errors mean something else than they say, though the search converged."""
+    noise_variance: FloatArray  # of the measurement noise, (n_outputs,); in output error diagonal of B, Eq. 3.11
+    process_noise: FloatArray  # what drives each state, (n_states,), per root second; zeros in output error
+    noise_std_error: FloatArray  # of the roots of `noise_variance`; nan where given or 0, and in output error
+    process_noise_std_error: FloatArray  # the same of `process_noise`, (n_states,)
+    iterations: int  # Gauss-Newton steps taken in theta
+    history: tuple[Iteration, ...]  # NLLF, violation of the dynamics, step length and fraction after each iteration
+    identifiability: Identifiability  # condition, and near-null directions by name
+    whiteness: tuple[Whiteness, ...]  # test of each output's innovations
+    states: tuple[FloatArray, ...]  # by segment, (n_states, n)
+    innovations: tuple[FloatArray, ...]  # by segment, measured minus predicted output, (n_outputs, n); nan in gaps
+    at_bound: tuple[str, ...]  # parameters at a bound: their errors, and what the others mean, are conditional
+    derivatives: Method  # how the functions were differentiated
+    samples: int  # number of measured values, all outputs and segments
+    mesh_shift: float = float("nan")  # of an estimate by the mesh at most, in standard errors; nan where not known
+    mesh_steps: int = 1  # steps of the dynamics between samples
+    starting_points: tuple[StartingPoint, ...] = ()  # the searches, the first first; this is the best of them
+    remarks: tuple[str, ...] = ()  # what makes the errors mean something else, though the search converged
 
     def headline(self) -> str:
         """Status, likelihood and size."""
@@ -172,43 +146,35 @@ def _with_error(value: float, error: float) -> str:
     return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
 
 
-# ---- The result of a search: standard errors, likelihood, innovations, warnings ----
-
-
-_LAGS = 20  # lags of the whiteness test
-TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
-_NOISE_FREE = 1e-4
-"""Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
-_ROUNDING = 1e-12  # the same of rounding
-_MOST_JUDGED = 8192
-"""Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
-
-
 def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
     """The result of a search with so many steps between samples; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
     sampled = slice(None, None, steps)
-    refined, nllf = _innovations(problem, iterate)
+    noisy = bool(np.any(problem.process_noise))
+    if noisy:
+        refined, nllf = kalman_innovations(problem, iterate)
+    else:
+        refined = residuals(problem, iterate)
+        nllf = negative_log_likelihood(np.concatenate(refined, axis=1), iterate.variance)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
-    observed = np.isfinite(together)
-    samples = int(observed.sum())
-    theta = parameters.as_mapping(iterate.theta)
+    samples = int(np.isfinite(together).sum())
     at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
     p = len(parameters.names)
     estimated = np.flatnonzero(~at_bound)
-    triangle = np.full((p, p), np.nan)
-    white = coloured = np.full((p, p), np.nan)
-    segments = _sensitivities(outcome)
-    rows = () if np.any(problem.process_noise) else tuple(segment.whitened(sampled) for segment in segments)
+    triangle = white = coloured = np.full((p, p), np.nan)
+    segments = outcome.segments
+    with suppress(SingularStatesError):  # the states are not determined
+        segments = segments or sensitivities(problem, iterate)
+    rows = () if noisy else tuple(segment.whitened(sampled) for segment in segments)
     if segments:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
-    noise = noise_errors(problem, iterate, wanted, segments, white)
-    if np.any(problem.process_noise):
-        white = coloured = noise.covariance
+    process, measurement, covariance, vanished = noise_errors(problem, iterate, wanted, segments, white)
+    if noisy:
+        white = coloured = covariance
     shift = mesh_shift(problem, iterate, segments, white)
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(determined.near_null)
@@ -218,15 +184,15 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         status=outcome.status,
         message=outcome.message if not hidden else f"{outcome.message}. {determined}",
         names=parameters.names,
-        theta=theta,
+        theta=parameters.as_mapping(iterate.theta),
         std_error=_by_name(parameters.names, white),
         std_error_coloured=_by_name(parameters.names, coloured),
         covariance=white,
         log_likelihood=-nllf,
         noise_variance=iterate.variance,
         process_noise=problem.process_noise,
-        noise_std_error=noise.measurement,
-        process_noise_std_error=noise.process,
+        noise_std_error=measurement,
+        process_noise_std_error=process,
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=determined,
@@ -238,25 +204,17 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
         samples=samples,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=steps,
-        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
+        remarks=(*_remarks(together, measured, tests, options), *vanished),
     )
 
 
 def _covariances(
-    problem: Problem,
-    rows: Sequence[Whitened],
-    triangle: FloatArray,
-    samples: int,
-    estimated: IntArray,
-    options: Options,
+    problem: Problem, rows: Sequence[Whitened], triangle: FloatArray, samples: int, free: IntArray, options: Options
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
-
-    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from them.
-    """
+    """Covariances (p, p) for white and for coloured residuals, degrees of freedom counted; nan where unknown."""
     parameters = problem.parameters
-    raw = covariance_from_information(triangle, parameters.prior_std, estimated)
-    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+    raw = covariance_from_information(triangle, parameters.prior_std, free)
+    unknowns = len(free) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
     white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
@@ -271,30 +229,16 @@ def _covariances(
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome) -> Segments:
-    """The sensitivities at the end; none where the states are not determined."""
-    try:
-        return outcome.segments or sensitivities(outcome.problem, outcome.iterate)
-    except SingularStatesError:
-        return ()
-
-
-def _never_measured(y: FloatArray) -> tuple[str, ...]:
-    """Outputs (n_outputs, n) without a sample."""
-    rows = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
-    if not rows:
-        return ()
-    return (
-        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_variance holds "
-        "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
-        "the outputs if that is meant",
-    )
-
-
-def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
-    """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if not options.estimate_noise:
-        return ()
+def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> list[str]:
+    """Outputs y (n_outputs, n) without a sample, and without noise: what is left of them is smooth, and tiny."""
+    found = []
+    never = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
+    if never:
+        found.append(
+            f"outputs {never} have no samples in any segment: they had no part in the fit, and what noise_variance "
+            "holds for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of "
+            "y and of the outputs if that is meant"
+        )
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
     )
@@ -303,25 +247,14 @@ def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], op
         for i, test in enumerate(tests)
         if left[i] < _NOISE_FREE * size[i] and not (test.white and left[i] > _ROUNDING * size[i])
     ]
-    if not quiet:
-        return ()
-    return (
-        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
-        "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
-        "nothing of these; likely cause: simulated data. Give `noise`, or add the instruments' noise",
-    )
-
-
-def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations by segment, and the NLLF of Eq. 3.10 (E8).
-
-    With process noise they are the filter's, else the residuals.
-    """
-    if np.any(problem.process_noise):
-        return kalman_innovations(problem, iterate)
-    found = residuals(problem, iterate)
-    together = np.concatenate(found, axis=1)
-    return found, negative_log_likelihood(together, iterate.variance)
+    if quiet and options.estimate_noise:
+        found.append(
+            f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the "
+            "signal, not white or mere rounding, so that they are the model's and the discretisation's errors. "
+            "Standard errors say nothing of these; likely cause: simulated data. Give `noise`, or add the "
+            "instruments' noise"
+        )
+    return found
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
@@ -341,19 +274,17 @@ _PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ n
 """Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
 
 
-def mesh_shift(
-    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], covariance: FloatArray
-) -> FloatArray:
+def mesh_shift(problem: Problem, iterate: Iterate, segments: Segments, covariance: FloatArray) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
 
     `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
     segments of at most _MOST_JUDGED samples.
     """
     p = len(problem.parameters.names)
-    known = np.isfinite(np.diag(covariance))
+    shift, known = np.full(p, np.nan), np.isfinite(np.diag(covariance))
     long = any(grid.n > _MOST_JUDGED for grid in problem.grids)
     if problem.model.delays or long or not segments or not known.any():
-        return np.full(p, np.nan)
+        return shift
     gradient = np.zeros(p)
     for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
         with np.errstate(all="ignore"):
@@ -361,31 +292,32 @@ def mesh_shift(
         multiplier = segment.multiplier[1:, :, 1:]
         gradient[segment.problem.own] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
-    shift = np.full(p, np.nan)
     shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
     return shift
 
 
-def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Values) -> FloatArray:
     """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
-    h = grid.step
-    corner = _slopes(problem, grid, {0.0: x[:, :-1], 1.0: x[:, 1:]}, theta)
-    cubic = {s: _hermite(s, h, x, corner[0.0], corner[1.0]) for s in _NODES[1:-1].tolist()}
+    h, low, high = grid.step, x[:, :-1], x[:, 1:]
+    corner = _slopes(problem, grid, {0.0: low, 1.0: high}, theta)
+    cubic = {  # through states and slopes at both ends
+        s: low
+        + s**2 * (3.0 - 2.0 * s) * (high - low)
+        + h * (s * (1.0 - s) ** 2 * corner[0.0] - s**2 * (1.0 - s) * corner[1.0])
+        for s in _NODES[1:-1].tolist()
+    }
     first = corner | _slopes(problem, grid, cubic, theta)
     slopes = np.stack([first[s] for s in _NODES.tolist()])
     simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
     # Of a state that nothing drives, what is left is how far the search is from its end.
-    noisy = (problem.process_noise > 0.0)[:, np.newaxis]
-    driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
-    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
+    driven = np.where((problem.process_noise > 0.0)[:, np.newaxis], high - low - h * simpson, 0.0)
+    better = low + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
     second = corner | _slopes(problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta)
     boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
     return np.asarray(h * (boole - simpson))
 
 
-def _slopes(
-    problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Mapping[str, float]
-) -> dict[float, FloatArray]:
+def _slopes(problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Values) -> dict[float, FloatArray]:
     """The dynamics at states (n_states, n - 1) at fractions of every interval."""
     found = {}
     for s, x in states.items():
@@ -397,14 +329,5 @@ def _slopes(
 
 def _within(grid: Grid, signal: FloatArray, s: float) -> FloatArray:
     """A signal at a fraction of every interval: on the parabola by its start, middle and end, before a jump there."""
-    start, middle, end = (signal[:, where] for where in grid.intervals)
     weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
-    return np.asarray(weights[0] * start + weights[1] * middle + weights[2] * end)
-
-
-def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """The cubic through states and slopes at both ends, at a fraction of every interval."""
-    low, high = x[:, :-1], x[:, 1:]
-    return np.asarray(
-        low + s**2 * (3.0 - 2.0 * s) * (high - low) + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
-    )
+    return np.asarray(sum(w * signal[:, where] for w, where in zip(weights, grid.intervals, strict=True)))

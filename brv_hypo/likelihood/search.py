@@ -14,8 +14,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
-from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
+from brv_hypo.likelihood.elimination import Segments
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradients, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
@@ -25,7 +25,6 @@ from brv_hypo.likelihood.gauss_newton import (
     line_search,
     linearised,
     moved,
-    moved_to,
     objective,
     sensitivities,
 )
@@ -85,22 +84,16 @@ class Status(StrEnum):
         return f"{self.cause}. {self.remedy}" if self.remedy else self.cause
 
 
-# ---- The search ----
-
-
 _FEASIBLE = 1e-7  # largest mean scaled defect of a converged trajectory
 _CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as settled
 _CONVERGED_MOVE = 0.05  # the same with process noise, in standard errors of the variances' logarithms
-_LINEAR = 0.5
-"""Change of the objective against the promised one at which the states are where the variances want them."""
+_LINEAR = 0.5  # change of the objective against the promised one at which the states are where the variances want them
 _FEW, _FRACTION = 1e-4, 1e-2
 """Step, in the same, that ends them for one linearisation, or as a fraction of the step before."""
-_NOISE_STEPS = 10
-_NEAR_NOISE = 1.0
-"""Steps that bring process noise near its estimate before theta moves, and how near, in standard errors."""
-_CREEP = 0.1
-_CREEPING_STEPS = 3
-"""Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
+_NOISE_STEPS = 10  # that bring process noise near its estimate before theta moves
+_NEAR_NOISE = 1.0  # how near, in standard errors
+_CREEP = 0.1  # fraction of a step shorter than one standard error that counts as no progress
+_CREEPING_STEPS = 3  # of these in a row
 _NEAR = 0.3
 _KEPT = 2.5
 """Way, in tolerances, over which derivatives are kept: with them the search ends where residuals are orthogonal to the
@@ -120,15 +113,12 @@ Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises th
 """
 
 
-Segments = tuple[Eliminated, ...]
-
-
 @dataclass(frozen=True)
 class Iteration:
     """One step of the search."""
 
     iteration: int  # number of the step, from 1
-    cost: float  # NLLF after it
+    cost: float  # NLLF of Eq. 3.10 (E8) after it
     violation: float  # mean violation of the dynamics, in sizes of the states
     step_length: float  # length of the step, in standard errors (root mean square)
     fraction: float  # fraction of the step that was taken
@@ -154,8 +144,7 @@ class Outcome:
     status: Status  # how it ended
     message: str  # the same in words, with cause and remedy
     history: tuple[Iteration, ...]  # every iteration
-    segments: Segments = ()
-    """The sensitivities from which the last step came, where that step was negligible and they still hold."""
+    segments: Segments = ()  # the sensitivities of the last step, where it was negligible and they still hold
 
 
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
@@ -183,18 +172,19 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         if noisy and not since_gradient <= _FAR:
-            gradient, since_gradient = determinant_gradient(problem, iterate, segments), 0.0
+            here = [(problem.process_noise, iterate.variance)]
+            gradient, since_gradient = determinant_gradients(problem, iterate, segments, here)[0], 0.0
         step = gauss_newton_step(problem, iterate, segments, gradient)
         since_gradient, since_near = since_gradient + step.length, since_near + step.length
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        term = partial(determinant, problem) if noisy else None
         further = extrapolation.improved(iterate, step)
         if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
             following, fraction = moved(problem, iterate, further, 1.0), 1.0
         else:
-            following, fraction = line_search(problem, iterate, step, penalty, term)
+            terms = (partial(determinant, problem),) if noisy else ()
+            following, fraction = line_search(problem, iterate, step, penalty, *terms)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
                 return ended(Status.STALLED)
@@ -205,15 +195,10 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             return ended(Status.STALLED)
         problem, iterate, known, noise_converged = _with_noise(problem, following, options, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
-        history.append(
-            Iteration(
-                iteration=iteration,
-                cost=_nllf(problem, iterate),
-                violation=violation,
-                step_length=step.length,
-                fraction=fraction,
-            )
-        )
+        cost = negative_log_likelihood(np.concatenate(residuals(problem, iterate), axis=1), iterate.variance)
+        if noisy:  # of the states integrated out
+            cost += disturbance_cost(problem, iterate) + determinant(problem, iterate)
+        history.append(Iteration(iteration, cost, violation, step.length, fraction))
         options.report(None, f"iteration {iteration}: NLLF {history[-1].cost:.6g}, step {step.length:.2g}")
         if step.length < options.tolerance and noise_converged and violation < _FEASIBLE:
             if unseen is not None:
@@ -229,27 +214,17 @@ def _singular(error: SingularStatesError) -> Status:
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     """Measured minus predicted output of each segment, (n_outputs, n); nan in gaps."""
-    found = []
-    for grid, x in zip(problem.grids, iterate.x, strict=True):
-        _, output = evaluate_segment(problem.model, grid, x, problem.parameters.as_mapping(iterate.theta))
-        found.append(grid.y - output.T)
-    return tuple(found)
-
-
-def _nllf(problem: Problem, iterate: Iterate) -> float:
-    """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
-    difference = np.concatenate(residuals(problem, iterate), axis=1)
-    fit = negative_log_likelihood(difference, iterate.variance)
-    if not np.any(problem.process_noise):
-        return fit
-    return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
+    theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, strict=True)
+    return tuple(grid.y - evaluate_segment(problem.model, grid, x, theta)[1].T for grid, x in segments)
 
 
 def _sensitivities(
     problem: Problem, iterate: Iterate, near: Sequence[Linearisation]
 ) -> tuple[Segments, SingularStatesError | None]:
-    """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
-    linear = moved_to(problem, iterate, near)
+    """The sensitivities by derivatives from `near`, initial states anchored where no output sees them yet; and why."""
+    theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, near, strict=True)
+    here = ((each, evaluate_segment(problem.model, grid, x, theta)) for grid, x, each in segments)
+    linear = [replace(each, defect=defect, output=output) for each, (defect, output) in here]
     try:
         return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:
@@ -281,10 +256,7 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 def _with_noise(
     problem: Problem, iterate: Iterate, options: Options, length: float
 ) -> tuple[Problem, Iterate, Segments, bool]:
-    """Both with new variances, by Eq. 3.11 or, with process noise, of both noises, after a step of this length.
-
-    Also the sensitivities there, where they are known, and whether the variances have settled.
-    """
+    """Both with new variances after a step of this length; the sensitivities there, if known; whether converged."""
     if not np.any(problem.process_noise):
         if not options.estimate_noise:
             return problem, iterate, (), True

@@ -12,7 +12,7 @@ grid, `build_parameters` the names, start values, bounds and priors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -32,10 +32,7 @@ Weights = tuple["csr_array[np.float64]", "csr_array[np.float64]"]
 
 
 def interpolation(t: FloatArray, query: FloatArray) -> Weights:
-    """At the query times, (m,) s, of a signal sampled at t, (n,) s, increasing, at least six samples.
-
-    Outside the samples the end value is held, rate 0.
-    """
+    """At the query times, (m,) s, of a signal sampled at t, (n,) s, at least six; outside, the end value, of rate 0."""
     from scipy.sparse import csr_array  # here, for a cheap import of the package
 
     clipped = np.clip(query, t[0], t[-1])
@@ -77,17 +74,11 @@ def _slopes(t: FloatArray) -> csr_array[np.float64]:
 
 @dataclass(frozen=True)
 class TimeVaryingParameter:
-    """theta[name] (n,) = sum over j of theta[weights[j]] shapes(t)[j], as the user's functions see it.
+    """theta[name] (n,) = sum over j of theta[weights[j]] shapes(t)[j], as the user's functions see it."""
 
-    Attributes:
-        name: under which dynamics and outputs find the values, at their own samples; no parameter has it.
-        weights: names of parameters that act through time-varying parameters only: this one and others.
-        shapes: t (n,), s -> (len(weights), n).
-    """
-
-    name: str
-    weights: tuple[str, ...]
-    shapes: Callable[[FloatArray], FloatArray]
+    name: str  # under which dynamics and outputs find the values, at their own samples; no parameter has it
+    weights: tuple[str, ...]  # parameters that act through time-varying parameters only: this one and others
+    shapes: Callable[[FloatArray], FloatArray]  # t (n,), s -> (len(weights), n)
 
 
 @dataclass(frozen=True)
@@ -108,11 +99,7 @@ class SampledParameter:
 
 
 def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, number: int) -> tuple[SampledParameter, ...]:
-    """The time-varying parameters at times t (n,), s.
-
-    Raises:
-        UsageError: shapes of the wrong size.
-    """
+    """The time-varying parameters at times t (n,), s; UsageError for shapes of the wrong size."""
     found = []
     for varying in time_varying:
         shapes = np.asarray(varying.shapes(t), dtype=float)
@@ -126,41 +113,25 @@ def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, numbe
     return tuple(found)
 
 
-# ---- One stretch of measured record, and its time grid for collocation ----
-
-
 Hold = Literal["zero", "linear", "cubic"]
-"""An input between samples: as at the last one, on a straight line, on a cubic."""
+"""An input between samples: as at the last one, jumping at the next as a digital controller's does, or on a straight
+line, or on a cubic.
+"""
 
 
 @dataclass(frozen=True)
 class Segment:
     """A continuous stretch of record, with its own initial state."""
 
-    t: FloatArray
-    """Sample times, (n,), s, increasing; at least six."""
-    u: FloatArray
-    """Known inputs, (n_inputs, n); (0, n) where there are none."""
-    y: FloatArray
-    """Measured outputs, (n_outputs, n); NaN where one was not measured."""
-    x0: FloatArray
-    """Guess of the initial state, (n_states,), or of the whole history, (n_states, n)."""
-    x0_std: float | FloatArray = np.inf
-    """How well the initial state is known, scalar or (n_states,): infinity leaves it free, 0 holds it at x0, anything
-    between is a Gaussian prior.
-    """
-    u_mid: FloatArray | None = None
-    """Inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out."""
-    time_varying: tuple[TimeVaryingParameter, ...] = ()
-    """Parameters that vary along the segment as known shapes, whose weights are in theta0."""
-    ignores: frozenset[str] = frozenset()
-    """Parameters that neither function looks at in this segment, such as the biases of another record's instruments:
-    they are not differentiated by.
-    """
-    hold: Hold = "cubic"
-    """Inputs between samples: "zero" keeps the value of the last sample and jumps at the next, as a digital controller
-    does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
-    """
+    t: FloatArray  # sample times, (n,), s, increasing; at least six
+    u: FloatArray  # known inputs, (n_inputs, n); (0, n) where there are none
+    y: FloatArray  # measured outputs, (n_outputs, n); NaN where one was not measured
+    x0: FloatArray  # guess of the initial state, (n_states,), or of the whole history, (n_states, n)
+    x0_std: float | FloatArray = np.inf  # of x0, scalar or (n_states,): infinity leaves it free, 0 holds it, a prior
+    u_mid: FloatArray | None = None  # inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out
+    time_varying: tuple[TimeVaryingParameter, ...] = ()  # known shapes in time; their weights are in theta0
+    ignores: frozenset[str] = frozenset()  # parameters that neither function uses here: not differentiated by
+    hold: Hold = "cubic"  # inputs between samples; delayed inputs are interpolated by a cubic
 
 
 @dataclass(frozen=True)
@@ -208,32 +179,13 @@ def inputs_of(segment: Segment) -> FloatArray:
 
 
 def build_grid(segment: Segment, number: int) -> Grid:
-    """Check a segment and lay out its grid.
-
-    Raises:
-        UsageError: shapes that do not fit together, too few samples, times that do not increase, inputs that
-            are not finite.
-    """
-    t = np.asarray(segment.t, dtype=float)
-    y = np.atleast_2d(np.asarray(segment.y, dtype=float))
-    u = inputs_of(segment)
-    x0 = np.asarray(segment.x0, dtype=float)
-    _check(t, u, y, x0, number)
-    if segment.hold not in get_args(Hold):
-        raise UsageError(f"segment {number}: hold is {segment.hold!r}; expected one of {list(get_args(Hold))}")
-    given = np.asarray(segment.x0_std, dtype=float)
-    if given.shape not in ((), x0.shape[:1]) or not np.all(given >= 0.0):
-        raise UsageError(
-            f"segment {number}: x0_std is {given.tolist()}; expected one number, or one for each of the {x0.shape[0]} "
-            "states, none negative: 0 holds an initial state, infinity leaves it free"
-        )
+    """Check a segment and lay out its grid; UsageError for what does not fit together."""
+    for fault in _faults(segment):
+        raise UsageError(f"segment {number}: {fault}")
+    t, u = np.asarray(segment.t, dtype=float), inputs_of(segment)
+    y, x0 = np.atleast_2d(np.asarray(segment.y, dtype=float)), np.asarray(segment.x0, dtype=float)
     middle = 0.5 * (t[:-1] + t[1:])
     u_mid = inputs_at(segment, middle) if segment.u_mid is None else np.asarray(segment.u_mid, dtype=float)
-    if u_mid.shape != (u.shape[0], t.size - 1):
-        raise UsageError(
-            f"segment {number}: u_mid has shape {u_mid.shape}; expected {(u.shape[0], t.size - 1)}, "
-            "one column per interval"
-        )
     jumps = segment.hold == "zero"
     at = np.concatenate([t, middle, t[1:] if jumps else t[:0]])
     return Grid(
@@ -243,11 +195,48 @@ def build_grid(segment: Segment, number: int) -> Grid:
         measured=np.isfinite(y),
         step=np.diff(t),
         start=x0,
-        start_std=np.broadcast_to(given, x0.shape[:1]),
+        start_std=np.broadcast_to(np.asarray(segment.x0_std, dtype=float), x0.shape[:1]),
         time_varying=sampled(segment.time_varying, at, number),
         ignores=frozenset(segment.ignores),
         jumps=jumps,
     )
+
+
+def _faults(segment: Segment) -> Iterator[str]:
+    """What does not fit together, each as far as what comes before it does."""
+    t, y = np.asarray(segment.t, dtype=float), np.atleast_2d(np.asarray(segment.y, dtype=float))
+    u, x0, x0_std = inputs_of(segment), np.asarray(segment.x0, dtype=float), np.asarray(segment.x0_std, dtype=float)
+    if t.ndim != 1 or t.size < WIDTH:
+        yield f"t has shape {t.shape}; expected one dimension and at least {WIDTH} samples"
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
+        yield (
+            "the sample times do not increase, or are not finite; remove repeated samples, and cut the record into "
+            "segments where it has gaps"
+        )
+    for name, array in (("u", u), ("y", y)):
+        if array.shape[1:] != t.shape:
+            yield f"{name} has shape {array.shape}; expected (rows, {t.size}), one column per sample"
+    if not np.any(np.isfinite(y)):
+        yield (
+            f"y, of shape {y.shape}, holds no measured value; expected at least one row that is not NaN throughout. "
+            "Check the record, or leave the segment out"
+        )
+    if not np.all(np.isfinite(u)):
+        yield "u is not finite everywhere; only y may have gaps (NaN): interpolate u first"
+    if x0.ndim in (1, 2) and x0.shape[0] == 0:
+        yield "x0 is empty, so that the model has no states; expected at least one"
+    if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
+        yield f"x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
+    if segment.hold not in get_args(Hold):
+        yield f"hold is {segment.hold!r}; expected one of {list(get_args(Hold))}"
+    if x0_std.shape not in ((), x0.shape[:1]) or not np.all(x0_std >= 0.0):
+        yield (
+            f"x0_std is {x0_std.tolist()}; expected one number, or one for each of the {x0.shape[0]} "
+            "states, none negative: 0 holds an initial state, infinity leaves it free"
+        )
+    expected = (u.shape[0], t.size - 1)
+    if segment.u_mid is not None and np.shape(segment.u_mid) != expected:
+        yield f"u_mid has shape {np.shape(segment.u_mid)}; expected {expected}, one column per interval"
 
 
 def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
@@ -267,56 +256,6 @@ def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
     return np.asarray(u @ interpolation(t, at)[0].T)
 
 
-def check_consistent(grids: Sequence[Grid]) -> None:
-    """Refuse segments whose states, inputs or outputs differ in number.
-
-    Raises:
-        UsageError: with the numbers of each segment.
-    """
-    for what, counts in (
-        ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
-        ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
-        ("outputs (rows of y)", [grid.y.shape[0] for grid in grids]),
-    ):
-        if len(set(counts)) > 1:
-            raise UsageError(
-                f"the segments have {counts} {what}; expected the same number in each, since one model describes them "
-                "all. An output that a segment lacks is a row of NaN"
-            )
-
-
-def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: int) -> None:
-    if t.ndim != 1 or t.size < WIDTH:
-        raise UsageError(
-            f"segment {number}: t has shape {t.shape}; expected one dimension and at least {WIDTH} samples"
-        )
-    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
-        raise UsageError(
-            f"segment {number}: the sample times do not increase, or are not finite; "
-            "remove repeated samples, and cut the record into segments where it has gaps"
-        )
-    for name, array in (("u", u), ("y", y)):
-        if array.shape[1:] != t.shape:
-            raise UsageError(
-                f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), one column per sample"
-            )
-    if not np.any(np.isfinite(y)):
-        raise UsageError(
-            f"segment {number}: y, of shape {y.shape}, holds no measured value; expected at least one row that is not "
-            "NaN throughout. Check the record, or leave the segment out"
-        )
-    if not np.all(np.isfinite(u)):
-        raise UsageError(
-            f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first"
-        )
-    if x0.ndim in (1, 2) and x0.shape[0] == 0:
-        raise UsageError(f"segment {number}: x0 is empty, so that the model has no states; expected at least one")
-    if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
-        raise UsageError(
-            f"segment {number}: x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
-        )
-
-
 @dataclass(frozen=True)
 class Parameters:
     """The free parameters as one vector, (p,), in the order of `names`."""
@@ -334,10 +273,8 @@ class Parameters:
         return dict(zip(self.names, vector.tolist(), strict=True)) | dict(self.held)
 
     def spread(self, values: Mapping[str, float], rest: float) -> FloatArray:
-        """One number a parameter, (p,), `rest` for those that are not named.
-
-        Raises:
-            UsageError: a name that theta0 does not have.
+        """One number a parameter, (p,), `rest` for those that are not named; UsageError for a name that theta0 does not
+        have.
         """
         unknown = sorted(set(values) - {*self.names, *self.held})
         if unknown:
@@ -348,35 +285,11 @@ class Parameters:
 def build_parameters(
     theta0: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], priors: Mapping[str, tuple[float, float]]
 ) -> Parameters:
-    """Lay the parameters out in one vector; those of equal bounds are held.
-
-    Raises:
-        UsageError: an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing
-            free.
-    """
-    for what, given in (("bounds", bounds), ("priors", priors)):
-        unknown = sorted(set(given) - set(theta0))
-        if unknown:
-            raise UsageError(f"{what} names {unknown}, which theta0 does not have; it has {sorted(theta0)}")
-    if not theta0:
-        raise UsageError("theta0 is empty: there is nothing to estimate; expected start values by name")
+    """The parameters in one vector, those of equal bounds held; UsageError for what makes no sense."""
+    for fault in _senseless(theta0, bounds, priors):
+        raise UsageError(fault)
     limits = {name: bounds.get(name, (-np.inf, np.inf)) for name in theta0}
-    for name, (lower, upper) in limits.items():
-        mean, std = priors.get(name, (0.0, np.inf))
-        value = float(theta0[name])
-        if not np.isfinite(value):
-            raise UsageError(f"theta0[{name!r}] is {value}; expected a finite start value")
-        if not lower <= upper:
-            raise UsageError(f"bounds of {name!r} are ({lower}, {upper}); expected lower <= upper, equal to hold it")
-        if not lower <= value <= upper:
-            raise UsageError(f"theta0[{name!r}] = {value} lies outside its bounds ({lower}, {upper}); move one of them")
-        if not std > 0:
-            raise UsageError(
-                f"the prior of {name!r} has mean {mean} and standard deviation {std}; expected a positive one"
-            )
     names = tuple(name for name, (lower, upper) in limits.items() if lower < upper)
-    if not names:
-        raise UsageError("every parameter of theta0 is held by its bounds: there is nothing to estimate; free one")
     lower, upper = np.array([limits[name] for name in names], dtype=float).T
     prior = np.array([priors.get(name, (0.0, np.inf)) for name in names], dtype=float)
     return Parameters(
@@ -388,3 +301,27 @@ def build_parameters(
         prior_std=prior[:, 1],
         held={name: float(theta0[name]) for name in theta0 if name not in names},
     )
+
+
+def _senseless(
+    theta0: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], priors: Mapping[str, tuple[float, float]]
+) -> Iterator[str]:
+    """Unknown names, bounds and priors that make no sense, starts outside their bounds, nothing free."""
+    for what, given in (("bounds", bounds), ("priors", priors)):
+        unknown = sorted(set(given) - set(theta0))
+        if unknown:
+            yield f"{what} names {unknown}, which theta0 does not have; it has {sorted(theta0)}"
+    if not theta0:
+        yield "theta0 is empty: there is nothing to estimate; expected start values by name"
+    for name, value in theta0.items():
+        (lower, upper), (mean, std) = bounds.get(name, (-np.inf, np.inf)), priors.get(name, (0.0, np.inf))
+        if not np.isfinite(value):
+            yield f"theta0[{name!r}] is {value}; expected a finite start value"
+        if not lower <= upper:
+            yield f"bounds of {name!r} are ({lower}, {upper}); expected lower <= upper, equal to hold it"
+        if not lower <= value <= upper:
+            yield f"theta0[{name!r}] = {value} lies outside its bounds ({lower}, {upper}); move one of them"
+        if not std > 0:
+            yield f"the prior of {name!r} has mean {mean} and standard deviation {std}; expected a positive one"
+    if all(name in bounds and bounds[name][0] == bounds[name][1] for name in theta0):
+        yield "every parameter of theta0 is held by its bounds: there is nothing to estimate; free one"

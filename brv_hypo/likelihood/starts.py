@@ -3,13 +3,13 @@
 States are read off the outputs, then smoothed with the dynamics held loosely. A model that is not quite right has more
 than one optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long
 gap the outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion
-across. Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances:
-`begin`, `best_of`, `bridged`, `refine`.
+across. Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -31,15 +31,22 @@ from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
 from brv_hypo.likelihood.statistics import least_variance, noise_from_differences
 
-# ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
-
-
 _SMOOTHING_STEPS = 2
 _TIGHTENING = (1.0, 0.3, 0.1)
 _WAITING = 1e-9  # reach of a delay while it waits, s
 _LEAST_LOOSENESS = 1e-2  # least change of a state between samples that smoothing grants it, as a fraction of its size
 _POOR = 3.0  # mean square of whitened residuals above which a starting point fits so poorly that another is tried
 _FAR_LESS = 0.5  # violation of the dynamics, against that of the start values, at which 0 is the better start
+_LONG = 8  # times the usual distance of measured samples from which a gap is bridged
+_LEAST = 2 * WIDTH  # samples of a stretch at least
+_SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
+_APART = 1.0  # difference of log-likelihoods from which two ends are different optima
+_POOR_LIKELIHOOD = 3.0  # mean square of residuals, over the known noise, above which a second start is worth its time
+_WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
+MOST_STEPS = 32  # steps between samples at most
+_ORDER = 4.0  # order of the collocation: how the error falls with the step
+_NEAR = 1.0  # shift by the mesh, in standard errors, up to which a fit on a finer one begins where the coarser ended
+_LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine the error does not follow its order
 
 
 def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
@@ -57,8 +64,11 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
     if zero is None:
         return first
     second = _prepared(replace(problem, size=state_sizes(zero.x)), zero, near)
-    size = np.minimum(first[0].size, second[0].size)
-    here, there = (_violation(replace(p, size=size), i) for p, i in (first, second))
+    size, exact = np.minimum(first[0].size, second[0].size), np.zeros_like(problem.process_noise)
+    here, there = (  # violations of the dynamics
+        np.nan_to_num(objective(replace(p, size=size, process_noise=exact), i)[1], nan=np.inf)
+        for p, i in (first, second)
+    )
     return second if there < _FAR_LESS * here else first
 
 
@@ -71,32 +81,27 @@ def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
     local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
     local |= np.isfinite(problem.reach)
     theta = np.where(local, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
-    with np.errstate(all="ignore"):
-        try:
-            histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
-        except np.linalg.LinAlgError:
-            return None
-    if not all(np.all(np.isfinite(x)) for x in histories):
-        return None
-    return replace(iterate, x=histories, theta=theta)
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+        histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
+        if all(np.all(np.isfinite(x)) for x in histories):
+            return replace(iterate, x=histories, theta=theta)
+    return None
 
 
 def states_from_outputs(
     model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
 ) -> tuple[FloatArray, ...]:
-    """A state history for each segment, (n_states, n), with the parameters at `vector`, (p,).
-
-    The one given, or the initial state moved to meet the outputs.
-
-    A state that the outputs do not show at a sample stays at its initial value.
+    """State histories (n_states, n) at parameters `vector` (p,): those given, or the initial state moved to the
+    outputs.
     """
     histories = []
     for grid in grids:
         if grid.start.ndim == 2:
             histories.append(grid.start.copy())
             continue
-        x = np.repeat(grid.start[:, None], grid.n, axis=1)
-        measured = _without_gaps(grid)
+        x, t, measured = np.repeat(grid.start[:, None], grid.n, axis=1), grid.t[: grid.n], grid.y.copy()
+        for row, observed in zip(measured, grid.measured, strict=True):
+            row[~observed] = np.interp(t[~observed], t[observed], row[observed]) if observed.any() else 0.0
         linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
         pseudo_inverse = np.linalg.pinv(linear.output_by_state, rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
@@ -109,21 +114,6 @@ def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
     return np.where(size > 0, size, 1.0)
 
 
-def delay_reach(
-    delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
-) -> FloatArray:
-    """Largest change of each parameter in one step, (p,).
-
-    For a delay, half the time scale of the fastest state.
-    """
-    rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
-    spread = np.std(np.concatenate(histories, axis=1), axis=1)
-    rms = np.sqrt(np.mean(rates**2, axis=1))
-    times = spread[rms > 0] / rms[rms > 0]
-    short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
-    return parameters.spread(dict.fromkeys(delays, short), np.inf)
-
-
 def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     """States moved between outputs and model, theta held, the dynamics loose by the process noise `loose`."""
     loosened = replace(problem, process_noise=loose)
@@ -133,66 +123,41 @@ def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     return iterate
 
 
-def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
-    """A few steps in theta and the states while the dynamics are tightened, from equation to output error.
-
-    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no
-    harm. Delays wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
-    """
-    reach = np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
-    for fraction in _TIGHTENING:
-        noise = np.hypot(problem.process_noise, fraction * loose)
-        loosened = replace(problem, process_noise=noise, reach=reach)
-        step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
-        iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
-    return iterate
-
-
 def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
     changes = np.concatenate([np.diff(x, axis=1) for x in iterate.x], axis=1)
     interval = np.median(np.concatenate([g.step for g in problem.grids]))
     change = np.maximum(np.sqrt(np.mean(changes**2, axis=1)), _LEAST_LOOSENESS * problem.size)
     loose = change / np.sqrt(interval)  # process noise that lets the states follow the outputs, not the model
-    try:
+    with suppress(SingularStatesError):  # the search says so if they stay undetermined
         if any(g.start.ndim == 1 for g in problem.grids):
             iterate = smooth(problem, iterate, loose)
-        reach = delay_reach(problem.model.delays, problem.parameters, problem.grids, iterate.x)
+        # Largest step of a delay: half the time scale of the fastest state.
+        steps = zip(iterate.x, problem.grids, strict=True)
+        rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in steps], axis=1)
+        rms, spread = np.sqrt(np.mean(rates**2, axis=1)), np.std(np.concatenate(iterate.x, axis=1), axis=1)
+        times = spread[rms > 0] / rms[rms > 0]
+        short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
+        reach = problem.parameters.spread(dict.fromkeys(problem.model.delays, short), np.inf)
         problem = replace(problem, size=state_sizes(iterate.x), reach=np.minimum(problem.reach, reach))
-        if not near:
-            iterate = approach(problem, iterate, loose)
-    except SingularStatesError:
-        pass  # the search says so if they stay undetermined
+        # A few steps in theta and the states while the dynamics are tightened, from equation to output error. With the
+        # states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no harm. Delays
+        # wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
+        nearer, waiting = iterate, np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
+        for fraction in () if near else _TIGHTENING:
+            noise = np.hypot(problem.process_noise, fraction * loose)
+            loosened = replace(problem, process_noise=noise, reach=waiting)
+            step = gauss_newton_step(loosened, nearer, sensitivities(loosened, nearer, anchored=True))
+            nearer, _ = line_search(loosened, nearer, step, penalty=0.0)
+        iterate = nearer
     return problem, iterate
-
-
-def _violation(problem: Problem, iterate: Iterate) -> float:
-    """How far the states are from exact dynamics, in their sizes; infinite where that is not finite."""
-    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
-    violation = objective(exact, iterate)[1]
-    return violation if np.isfinite(violation) else np.inf
-
-
-def _without_gaps(grid: Grid) -> FloatArray:
-    filled = grid.y.copy()
-    t = grid.t[: grid.n]
-    for row, observed in zip(filled, grid.measured, strict=True):
-        row[~observed] = np.interp(t[~observed], t[observed], row[observed]) if observed.any() else 0.0
-    return filled
 
 
 # ---- Long gaps, in which nothing was measured: fitted around first, then across ----
 
 
-_LONG = 8  # times the usual distance of measured samples from which a gap is bridged
-_LEAST = 2 * WIDTH  # samples of a stretch at least
-
-
 def stretches(segments: Sequence[Segment]) -> list[list[slice]]:
-    """What lies between long gaps, by segment: samples from a measured one to a measured one.
-
-    Empty where no segment has a long gap.
-    """
+    """What lies between long gaps, by segment, from a measured sample to a measured one; empty without such gaps."""
     found, gaps = [], 0
     for segment in segments:
         observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
@@ -242,33 +207,29 @@ def bridged(
 # ---- Several starting points of one fit: a model that is not quite right has more than one optimum ----
 
 
-_SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
-_APART = 1.0  # difference of log-likelihoods from which two ends are different optima
-_POOR_LIKELIHOOD = 3.0
-"""Mean square of residuals over that of the known noise above which a second starting point is worth its time."""
-_WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
-
-
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
     """Guesses of the noise variances (n_outputs,), by where they are from, of outputs (n_outputs, n), nan in gaps; the
     smallest first, which is right for a right model.
     """
-    floor = least_variance(y)
-    variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
+    variances = [1.0 if np.isnan(row).all() else np.nanvar(row) for row in y]
+    unsmooth = np.zeros(len(y))  # about the running mean
+    for i, row in enumerate(y):
+        finite = row[np.isfinite(row)]
+        if finite.size >= _WINDOW:
+            smooth = np.convolve(finite, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
+            unsmooth[i] = np.var(finite[_WINDOW // 2 : -(_WINDOW // 2)] - smooth)
     return {
         "differences of the outputs": noise_from_differences(y),
-        "residual of smoothed outputs": np.maximum(_unsmooth(y), floor),
-        "variances of the outputs": np.maximum(variances, floor),
+        "residual of smoothed outputs": np.maximum(unsmooth, least_variance(y)),
+        "variances of the outputs": np.maximum(variances, least_variance(y)),
     }
 
 
 def best_of(
     noises: Mapping[str, FloatArray], run: Callable[[FloatArray], FitResult], *, alone: bool, known: bool
 ) -> FitResult:
-    """The fit of the greatest likelihood.
-
-    Others than the first, unless that is to stay `alone`, are tried where its residuals are not white, or, where the
-    noise is `known`, far larger than it.
+    """The fit of the greatest likelihood; others than the first are tried, unless `alone`, where its residuals are no
+    noise.
     """
     (source, first), *others = noises.items()
     ends = {source: run(first)}
@@ -301,25 +262,6 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
             "has several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, starting_points=starting_points)
-
-
-def _unsmooth(y: FloatArray) -> FloatArray:
-    """Variance of each output about its running mean, (n_outputs,)."""
-    found = np.zeros(len(y))
-    for i, row in enumerate(y):
-        finite = row[np.isfinite(row)]
-        if finite.size >= _WINDOW:
-            smooth = np.convolve(finite, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
-            found[i] = np.var(finite[_WINDOW // 2 : -(_WINDOW // 2)] - smooth)
-    return found
-
-
-MOST_STEPS = 32  # steps between samples at most
-_ORDER = 4.0  # order of the collocation: how the error falls with the step
-_NEAR = 1.0
-"""Shift by the mesh, in standard errors, up to which a fit on a finer one begins where that on the coarser ended."""
-_LARGEST_RAISE = 8
-"""Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
 
 
 def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitResult:

@@ -7,8 +7,7 @@ covariance of the estimate is the inverse of the information, with near-null dir
     C = D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D
 
 with D the covariance for white residuals, S the outputs' sensitivities, R the residuals' autocorrelation by an
-autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn
-negative.
+autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn negative.
 """
 
 from __future__ import annotations
@@ -21,12 +20,17 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
-# ---- Variance of the measurement noise ----
-
-
 _ROUNDING = 1e-14
 _FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
 _THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1
+_NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
+_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
+_TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
+_NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
+_HIGHEST_ORDER = 20
+_LEAST_SAMPLES_PER_ORDER = 10
+_LEAST_POLYNOMIAL = 1e-6
+_LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
 def whitening(variance: FloatArray, measured: BoolArray) -> FloatArray:
@@ -35,10 +39,7 @@ def whitening(variance: FloatArray, measured: BoolArray) -> FloatArray:
 
 
 def estimate_variance(residual: FloatArray, floor: FloatArray) -> FloatArray:
-    """Diagonal of B of Eq. 3.11, (n_outputs,): mean square of the residual, (n_outputs, n), nan in gaps.
-
-    `floor` (n_outputs,) is the least of each output: noise-free data must not end in a division by zero.
-    """
+    """Diagonal of B of Eq. 3.11, (n_outputs,), at least `floor`, of residuals (n_outputs, n), nan in gaps."""
     count = np.maximum(np.isfinite(residual).sum(axis=1), 1)
     return np.asarray(np.maximum(np.nansum(residual**2, axis=1) / count, floor))
 
@@ -50,23 +51,19 @@ def negative_log_likelihood(residual: FloatArray, variance: FloatArray) -> float
 
 
 def log_determinant_of(variance: FloatArray, measured: BoolArray) -> float:
-    """Sum over samples of log det of the covariance of what was measured, `measured` (n_outputs, n)."""
+    """Sum over samples of log det of the covariance of what was `measured` (n_outputs, n)."""
     return float(measured.sum(axis=1) @ np.log(variance))
 
 
 def noise_from_differences(y: FloatArray) -> FloatArray:
-    """A first guess of the noise variances, (n_outputs,), from third differences: blind to smooth motion.
-
-    `y` is (n_outputs, n), nan in gaps.
-    """
+    """First guesses of the noise variances (n_outputs,) of y (n_outputs, n): third differences are blind to motion."""
     variance = least_variance(y) * _FIRST_GUESS
     for i, row in enumerate(y):
-        across = np.diff(row, 3)
-        differences = across[np.isfinite(across)]
-        if differences.size < row.size / 10:  # slower than the rest: its own samples are far apart
+        differences = np.diff(row, 3)
+        if np.count_nonzero(np.isfinite(differences)) < row.size / 10:  # slower than the rest: samples far apart
             differences = np.diff(row[np.isfinite(row)], 3)
-        if differences.size:
-            variance[i] = max(variance[i], float(np.mean(differences**2)) / _THIRD_DIFFERENCE)
+        if np.isfinite(differences).any():
+            variance[i] = max(variance[i], float(np.nanmean(differences**2)) / _THIRD_DIFFERENCE)
     return variance
 
 
@@ -79,22 +76,12 @@ def least_variance(y: FloatArray) -> FloatArray:
 # ---- How well the parameters are known: covariance, near-null directions, whiteness ----
 
 
-_NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
-_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
-_TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
-_NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
-
-
 @dataclass(frozen=True)
 class NearNull:
-    """A combination of parameters that the data hardly see.
+    """A combination of parameters that the data hardly see."""
 
-    `weights` name the parameters, each scaled by its own information; `relative` is the singular value
-    against the largest.
-    """
-
-    weights: dict[str, float]
-    relative: float
+    weights: dict[str, float]  # by parameter, each scaled by its own information
+    relative: float  # singular value against the largest
 
 
 @dataclass(frozen=True)
@@ -127,8 +114,7 @@ class Whiteness:
 def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
     """Inverse of the information matrix T'T plus priors, (p, p).
 
-    nan for parameters not in `estimated` (at a bound), and for those alone that a direction moves which the
-    data do not see.
+    nan for parameters not in `estimated` (at a bound), and for those that a direction moves which the data do not see.
     """
     p = prior_std.size
     covariance = np.full((p, p), np.nan)
@@ -142,9 +128,7 @@ def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, est
     return covariance
 
 
-def _directions(
-    triangle: FloatArray, prior_std: FloatArray, parameters: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _directions(triangle: FloatArray, prior_std: FloatArray, parameters: IntArray) -> tuple[FloatArray, ...]:
     """Lengths, singular values and right singular vectors (a row each) of column-scaled sensitivities with priors."""
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, parameters]
     norm = np.linalg.norm(system, axis=0)
@@ -175,10 +159,8 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         rows = [np.where(np.isfinite(row), row, 0.0) for row in rows]
         count = sum(int(np.count_nonzero(row)) for row in rows)
         power = sum(float(row @ row) for row in rows)
-        products = [
-            sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)
-        ]
-        r = np.array(products) / power if power > 0 else np.zeros(lags)
+        sums = [sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)]
+        r = np.array(sums) / power if power > 0 else np.zeros(lags)
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
         p_value = float(gammaincc(lags / 2, statistic / 2))
         tests.append(Whiteness(p_value, int(np.argmax(np.abs(r))) + 1))
@@ -186,12 +168,6 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
 
 
 # ---- Errors corrected for coloured residuals ----
-
-
-_HIGHEST_ORDER = 20
-_LEAST_SAMPLES_PER_ORDER = 10
-_LEAST_POLYNOMIAL = 1e-6
-_LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
 class Whitened(NamedTuple):
@@ -205,12 +181,10 @@ class Whitened(NamedTuple):
 
 
 def coloured_covariance(white: FloatArray, prior_information: FloatArray, segments: Sequence[Whitened]) -> FloatArray:
-    """The corrected covariance, (p, p).
+    """The corrected covariance, (p, p), of D = `white`, (p, p), not inflated for degrees of freedom, 0 of what is not
+    estimated.
 
-    Args:
-        white: D, (p, p), not inflated for degrees of freedom; 0 of what is not estimated.
-        prior_information: inverse variances of the priors, (p,), 0 where there is none.
-        segments: what is left of the measurements.
+    `prior_information` are inverse variances (p,), 0 without a prior; `segments` what is left of the measurements.
     """
     residual = [segment.residual for segment in segments]
     correlation = autocorrelation(residual)
@@ -225,21 +199,21 @@ def coloured_covariance(white: FloatArray, prior_information: FloatArray, segmen
 
 def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatArray) -> FloatArray:
     """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p)."""
-    length = 1 << (2 * len(s) - 1).bit_length()
-    gain = np.stack([_gain(model, length) for model in models], axis=1)
-    shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
-    turned = turn @ shaped
-    both_sides = np.full(len(gain), 2.0)
+    length, gains = 1 << (2 * len(s) - 1).bit_length(), []
+    for model in models:  # the square root of the spectrum, of unit variance, at the frequencies of a real transform
+        polynomial = np.abs(np.fft.rfft(np.concatenate([[1.0], -model]), length))
+        response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
+        gains.append(response / np.sqrt(np.concatenate([response**2, response[-2:0:-1] ** 2]).mean()))
+    shaped = np.fft.rfft(s, length, axis=0) * np.stack(gains, axis=1)[:, :, None]
+    both_sides = np.full(len(shaped), 2.0)
     both_sides[[0, -1]] = 1.0
-    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real
+    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turn @ shaped, optimize=True).real
     return np.asarray(product / length)
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:
-    """Factor for what the fit took out of the residuals' variance.
-
-    In white noise that is one sample per unknown, in coloured noise as many more as the variance of the
-    unknowns is larger: N / (N - unknowns tr(D^-1 C) / p).
+    """Factor for what the fit took out of the residuals' variance: N / (N - unknowns tr(D^-1 C) / p), 1 a sample if
+    white.
     """
     ratio = float(np.trace(np.linalg.solve(white, corrected))) / len(white)
     return samples / max(samples - unknowns * max(ratio, 1.0), 0.5 * samples)
@@ -260,10 +234,8 @@ def autocorrelation(residual: Sequence[FloatArray]) -> FloatArray:
 
 
 def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
-    """Coefficients of v(i) = sum a_k v(i - k) + white noise, (order,).
-
-    By Levinson's recursion, the order by Akaike's criterion. `correlation` (orders + 1,) is the
-    autocorrelation, lag 0 first.
+    """Coefficients (order,) of v(i) = sum a_k v(i - k) + white noise by Levinson's recursion, order by Akaike's
+    criterion.
     """
     coefficients = chosen = np.zeros(0)
     variance = float(correlation[0])
@@ -279,11 +251,3 @@ def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
         if criterion < least:
             least, chosen = criterion, coefficients
     return chosen
-
-
-def _gain(coefficients: FloatArray, length: int) -> FloatArray:
-    """Square root of the model's spectrum, of unit variance, at the frequencies of a real transform."""
-    polynomial = np.abs(np.fft.rfft(np.concatenate([[1.0], -coefficients]), length))
-    response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
-    power = np.concatenate([response**2, response[-2:0:-1] ** 2])
-    return np.asarray(response / np.sqrt(power.mean()))

@@ -22,7 +22,7 @@ from brv_hypo.motion.inertial import (
     wind_direction,
     wind_to_body,
 )
-from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.inputs import smoothed_inputs
 from brv_hypo.motion.interpolation import SplineGrid
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
@@ -143,7 +143,7 @@ def linearisation_point(
     """
     if motion is not None:
         reconstruction = _as_it_reads(reconstruction, motion.start.gravity)
-    flight, errors = with_smooth_inputs(reconstruction)
+    flight, errors = smoothed_inputs(reconstruction, reconstruction.corrected)
     record = inertial_record(flight, config)
     read = replace(
         reconstruction.motion,

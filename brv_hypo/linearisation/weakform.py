@@ -20,7 +20,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.term import TimeBasis
-from brv_hypo.motion.interpolation import Quadrature, SplineGrid, among, running_integral
+from brv_hypo.motion.interpolation import Quadrature, SplineGrid, running_integral
 
 # Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
 # integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
@@ -64,7 +64,8 @@ class Antiderivative:
 
     def at(self, time: FloatArray, columns: IntArray) -> ComplexArray:
         """Integral of each column (k,) up to its own time (k,) s."""
-        i, u = among(self.grid.time, time)
+        i = self.grid.time[1:-1].searchsorted(time, side="right")  # the interval of nodes that holds each time
+        u = time - self.grid.time[i]
         h = self.grid.steps[i, 0]
         g, s = self.values[i, columns], self._slopes[i, columns]
         chord = (self.values[i + 1, columns] - g) / h

@@ -29,20 +29,9 @@ from threadpoolctl import threadpool_limits
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
+from brv_hypo.flight import plausibility
 from brv_hypo.flight.derived import ALTITUDE_FOLLOWS, DENSITY_FOLLOWS, PRESSURE_FOLLOWS, atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.plausibility import (
-    FEET,
-    GRAVITY,
-    PSF,
-    contradictions,
-    fitted_slopes,
-    integral,
-    mounting_fault,
-    nose_axis,
-    path_into_force,
-    relative_turns,
-)
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import arm_acceleration, body_attitude, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level
@@ -64,7 +53,6 @@ COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere on average: the path turns as well
 
-
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
 
 
@@ -81,13 +69,19 @@ _OF_FORCES = (("ax",), ("ay",), ("az",), ACCELEROMETERS)
 # Which channels of an instrument may be in another unit, the factor, and the mistake either way.
 _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
     ("gyros", (("p",), ("q",), ("r",), GYROS), DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
-    ("accelerometers", _OF_FORCES, GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
-    ("accelerometers", _OF_FORCES, 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
-    ("air data", (("velocity",),), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    ("accelerometers", _OF_FORCES, plausibility.GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
+    ("accelerometers", _OF_FORCES, 1.0 / plausibility.FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+    ("air data", (("velocity",),), 1.0 / plausibility.FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
     ("air data", (("velocity",),), 1.0 / KNOT, "m/s tagged knots", "knots tagged m/s"),
-    ("air data", (("dynamic_pressure",),), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
-    ("air data", (("altitude",),), 1.0 / FEET, "m tagged ft", "ft tagged m"),
-    ("air data", (("velocity", "altitude"),), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
+    ("air data", (("dynamic_pressure",),), plausibility.PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    ("air data", (("altitude",),), 1.0 / plausibility.FEET, "m tagged ft", "ft tagged m"),
+    ("air data", (("velocity", "altitude"),), 1.0 / plausibility.FEET, "metres tagged feet", "feet tagged metres"),
+)
+MOST_OTHERS = 2  # corrections named beside the best
+UNRELATED_WORDS = (
+    "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
+    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
+    "or controls may do it too (--start, --stop)"
 )
 
 
@@ -124,26 +118,19 @@ def corrections() -> Iterator[Correction]:
                 verb = "reads as if it were" if len(chosen) == 1 else "read as if they were"
                 words = f"{(' and ' if len(chosen) == 2 else ', ').join(chosen)} {verb} {mislabel}"
                 yield Correction(chosen, "units", words, _scaled(instrument, chosen, value))
-    yield from _turned_gyros()
-
-
-def _turned_gyros() -> Iterator[Correction]:
-    """The other ways in which the transverse gyros can stand to the transverse accelerometers.
-
-    Those of a single mistake are above. Turning both triads together changes nothing that can be seen.
-    """
-    for matrix in relative_turns():
+    # The other ways in which the transverse gyros can stand to the transverse accelerometers, those of two mistakes or
+    # more. Turning both triads together changes nothing that can be seen.
+    for matrix in plausibility.relative_turns():
         swapped = matrix[1, 1] == 0.0
         flipped = [name for name, sign in zip(GYROS, matrix.sum(axis=1), strict=True) if sign < 0.0]
         changes = len(flipped) + swapped
-        if changes < 2:
-            continue
-        mistakes = ["q and r were exchanged"] if swapped else []
-        if flipped:
-            mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
-        at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
-        words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
-        yield Correction(at_fault, "axes", words, {"gyros": matrix}, changes)
+        if changes > 1:
+            mistakes = ["q and r were exchanged"] if swapped else []
+            if flipped:
+                mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
+            at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
+            words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
+            yield Correction(at_fault, "axes", words, {"gyros": matrix}, changes)
 
 
 def _scaled(instrument: str, chosen: Sequence[str], factor: float) -> dict[str, FloatArray]:
@@ -240,15 +227,21 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
         slope = float(weight @ np.array([each for _, each, _ in relations]) / np.sum(weight))
         if slope <= 0.0:
             left[0], slope = 1.0, None
-    axial, axial_sigma = _axial(flight, pieces)
-    pressure = _pressure_ratio(flight, readings)
+    (axial, axial_sigma), pressure = _axial(flight, pieces), _pressure_ratio(flight, readings)
+    # The axial force may differ by an error of scale, and by wind and gravity.
+    logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
+    of_axial = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((axial - np.exp(logs)) / axial_sigma) ** 2
+    # Three instruments of one make are about equally noisy.
+    noisy = [np.log(readings.sigma[triad]) for triad in _TRIADS if np.all(readings.sigma[triad] > 0.0)]
+    squares = (float(np.sum((each - np.median(each)) ** 2)) for each in noisy)
+    of_noise = sum(min(0.5 * s / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE) for s in squares)
     cost = (
         _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
-        + _of_axial(axial, axial_sigma)
+        + min(float(np.min(of_axial)), COMPATIBILITY_MOST_PER_CHECK)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
-        + sum(_of_noise(readings.sigma[triad]) for triad in _TRIADS)
+        + of_noise
         + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
@@ -275,32 +268,34 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
     constant force in the body over what varies of it.
     """
     time, rates, (velocity, pressure, _) = piece.time, piece.channels["gyros"], piece.channels["air data"]
-    roll = integral(time, rates[0])
+    roll = plausibility.integral(time, rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega, omega_change = rates[1] + 1j * rates[2], piece.change[1] + 1j * piece.change[2]
     swing = arm_acceleration(rates[0], piece.change[0], omega, omega_change, vehicle.accelerometer_position)
     forces = piece.channels["accelerometers"] - swing.T
     axial, force = forces[0], forces[1] + 1j * forces[2]
-    path_of_gyros = integral(time, 1j * velocity * omega * turn)
+    path_of_gyros = plausibility.integral(time, 1j * velocity * omega * turn)
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
     rate_noise, noise = (2.0 * float(np.mean(piece.sigma[triad][1:] ** 2)) for triad in _TRIADS)
 
-    first, slope = path_into_force(time, rates, forces, velocity, scale, noise)
+    first, slope = plausibility.path_into_force(time, rates, forces, velocity, scale, noise)
     # Relation 2, integrated; a moment fixed in the body may come and go.
-    body = [integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
-    damped = integral(time, pressure / velocity * omega * spin)
+    body = [plausibility.integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
+    damped = plausibility.integral(time, pressure / velocity * omega * spin)
     ones = np.ones_like(spin)
-    ratio = [integral(time, 1j * force * spin * power) for power in powers]
-    second, _ = fitted_slopes(rate_noise, omega * spin, ratio, [ones, *body, damped, integral(time, axial * spin)])
+    ratio = [plausibility.integral(time, 1j * force * spin * power) for power in powers]
+    second, _ = plausibility.fitted_slopes(
+        rate_noise, omega * spin, ratio, [ones, *body, damped, plausibility.integral(time, axial * spin)]
+    )
 
     # Relation 3, integrated.
     away = spin * np.conj(turn)
-    drift = [integral(time, pressure / velocity * away * power) for power in powers]
+    drift = [plausibility.integral(time, pressure / velocity * away * power) for power in powers]
     gyro_crossflow = path_of_gyros / velocity * away
-    static = [integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
-    third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
+    static = [plausibility.integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
+    third, _ = plausibility.fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
     return np.array([first, second, third]), slope, steady
 
@@ -325,7 +320,7 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
             place = np.linspace(-1.0, 1.0, piece.time.size)
             smooth = np.polyval(np.polyfit(place, altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
             fall = np.gradient(smooth, piece.time)
-            change = change + gravity * integral(piece.time, fall / velocity)
+            change = change + gravity * plausibility.integral(piece.time, fall / velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = wind**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
@@ -334,10 +329,10 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
         normal = np.hypot(y, z)
         stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * pressure * flight.vehicle.reference_area / flight.vehicle.mass
         angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-        lift = COMPATIBILITY_LIFT_DOUBT * integral(piece.time, normal * angle)[::every]
+        lift = COMPATIBILITY_LIFT_DOUBT * plausibility.integral(piece.time, normal * angle)[::every]
         covariance += np.outer(lift, lift)
         covariance += piece.sigma["air data"][0] ** 2 * np.eye(time.size)
-        sensed = integral(piece.time, axial)[::every]
+        sensed = plausibility.integral(piece.time, axial)[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
@@ -347,10 +342,7 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
 
 
 def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
-    """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere.
-
-    None where neither is known but from that pressure and the speed.
-    """
+    """Recorded over expected dynamic pressure, by density or Earth's altitude; None if neither is known otherwise."""
     velocity, pressure, altitude = readings.channels["air data"]
     if "density" in readings.derived and (readings.derived & {"altitude"} or not readings.has_altitude):
         return None
@@ -371,39 +363,15 @@ def _of_ratio(ratio: float | None, spread: float) -> float:
     return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / spread) ** 2, COMPATIBILITY_MOST_PER_CHECK)
 
 
-def _of_axial(ratio: float, sigma: float) -> float:
-    """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
-    logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
-    costs = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
-    return min(float(np.min(costs)), COMPATIBILITY_MOST_PER_CHECK)
-
-
-def _of_noise(sigma: FloatArray) -> float:
-    """Three instruments of one make are about equally noisy."""
-    if not np.all(sigma > 0.0):
-        return 0.0
-    logs = np.log(sigma)
-    squares = float(np.sum((logs - np.median(logs)) ** 2))
-    return min(0.5 * squares / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE)
-
-
 # ---- The trial of a record, before anything is fitted to it: `try_record` ----
-
-
-MOST_OTHERS = 2  # corrections named beside the best
-UNRELATED_WORDS = (
-    "{share:.0f} % of the transverse acceleration does not follow from gyros and speed (noise: {noise:.1g} %), and no "
-    "mistake of sign, axis or unit clearly explains it: axes and signs of the gyros are in doubt. Check the map; gusts "
-    "or controls may do it too (--start, --stop)"
-)
 
 
 def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
 
     Never raises: a fault that leaves too little of a channel is reported as decisive, and the channel left as it is;
-    so is a flight that is no valid record, or of which masking leaves nothing. A window of a sound record that is too
-    short for any record is not tried.
+    so is a flight that is no valid record, or of which masking leaves nothing. A window too short for any record is
+    not tried.
     """
     if flight.time.size < limits.MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())
@@ -413,23 +381,17 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         unusable = RecordFault.over(flight.time, "record", "unusable", str(error), decisive=True)
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        physics = _physics(masked)
-        turned = any(fault.fault == "mounting" for fault in physics)  # axes of the unit are not those of the vehicle
-        found = (*faults, *physics, *(() if turned else _contradictions(averaged(masked))))
+        inside, columns = masked.measured(), masked.columns()
+        known = {name: np.where(inside, values, np.nan) for name, values in columns.items() if name != "time"}
+        physics = plausibility.contradictions(masked.time, known, masked.vehicle, masked.planet == "earth")
+        rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
+        air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+        tolerance = max(*masked.instruments.gyro_misalignment, *masked.instruments.accel_misalignment)
+        nose = plausibility.nose_axis(masked.time, rates, forces, air)
+        turned = plausibility.mounting_fault(masked.time, nose, tolerance)  # axes of the unit are not the vehicle's
+        found = (*faults, *physics, *(turned or _contradictions(averaged(masked))))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
-
-
-def _physics(flight: Flight) -> tuple[RecordFault, ...]:
-    """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
-    inside = flight.measured()
-    known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
-    rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-    air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
-    tilt = nose_axis(flight.time, rates, forces, air)
-    tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
-    turned = mounting_fault(flight.time, tilt, tolerance)
-    return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
@@ -445,10 +407,10 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found, tumbling = [], tumbles(flight, readings)
-    strained = set(broken) == {"path, strained"}
+    strained = broken == ["path, strained"]
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
-    unread = {"altitude"} if "altitude" in readings.derived or not readings.has_altitude else set()
-    possible = (one for one in corrections() if not unread & set(one.channels))
+    unread = "altitude" in readings.derived or not readings.has_altitude
+    possible = (one for one in corrections() if not (unread and "altitude" in one.channels))
     tried = [(one, compatibility_of(flight, readings, one)) for one in possible]
     ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]
@@ -478,14 +440,13 @@ def _broken(found: Compatibility) -> Sequence[str]:
         failed.append("path" if beyond_noise > limits.COMPATIBILITY_BROKEN else "path, strained")
     if not found.informative[0] and found.informative[2] and found.left[2] > limits.COMPATIBILITY_BROKEN_ALONE:
         failed.append("gyros")
-    doubt, (least, most) = limits.COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN
-    if found.axial + doubt < least or found.axial - doubt > most:
-        failed.append("axial")
-    for name, value, (low, high) in (
-        ("pressure", found.pressure, limits.COMPATIBILITY_PRESSURE_WITHIN),
-        ("slope", found.normal_slope, limits.COMPATIBILITY_NORMAL_WITHIN),
+    for name, value, sigma, (low, high) in (
+        ("axial", found.axial, found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN),
+        ("pressure", found.pressure, 0.0, limits.COMPATIBILITY_PRESSURE_WITHIN),
+        ("slope", found.normal_slope, 0.0, limits.COMPATIBILITY_NORMAL_WITHIN),
     ):
-        if value is not None and not low < value < high:
+        doubt = limits.COMPATIBILITY_AXIAL_SIGMAS * sigma
+        if value is not None and not low - doubt < value < high + doubt:
             failed.append(name)
     return failed
 

@@ -30,6 +30,13 @@ from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
+# Surface gravity m/s^2 and mean radius m.
+_PLANETS = {
+    "earth": (9.80665, 6.371e6),
+    "mars": (3.721, 3.3895e6),
+    "venus": (8.87, 6.0518e6),
+    "titan": (1.352, 2.5747e6),
+}
 
 
 @dataclass(frozen=True)
@@ -94,11 +101,20 @@ class InertialRecord:
 
 
 def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRecord:
-    """Integrate the gyros and move the accelerometers to the c.g.
-
-    Raises UnanswerableError where the record is too short for any of it.
-    """
-    _refuse_what_cannot_be_integrated(flight)
+    """Gyros integrated, accelerometers moved to the c.g.; UnanswerableError where the record is too short for that."""
+    longest = max(b - a for a, b in flight.segments)
+    if longest < LEAST_SEGMENT_SAMPLES:
+        raise UnanswerableError(
+            f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
+            f"{LEAST_SEGMENT_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
+        )
+    for name in ("velocity", "dynamic_pressure"):
+        lowest = float(np.min(getattr(flight, name)))
+        if not lowest > 0.0:
+            raise UnanswerableError(
+                f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
+                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and --stop."
+            )
     rates = flight.q + 1j * flight.r
     gyro_sigma = config.gyro_sigma or white_noise_level(rates, flight.segments)
     accel_sigma = config.accel_sigma or white_noise_level(flight.ay + 1j * flight.az, flight.segments)
@@ -130,23 +146,6 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         accel_sigma=accel_sigma,
         force_sigma=force_sigma,
     )
-
-
-def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
-    longest = max(b - a for a, b in flight.segments)
-    if longest < LEAST_SEGMENT_SAMPLES:
-        raise UnanswerableError(
-            f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
-            f"{LEAST_SEGMENT_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
-        )
-    for name in ("velocity", "dynamic_pressure"):
-        lowest = float(np.min(getattr(flight, name)))
-        if not lowest > 0.0:
-            raise UnanswerableError(
-                f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
-                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and "
-                "--stop."
-            )
 
 
 def arm_acceleration(
@@ -185,26 +184,19 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     coning = np.zeros(angle.shape)
     share = (np.diff(time) ** 2 / 12.0).reshape(-1, *(1,) * (angle.ndim - 1))
     coning[1:] = share * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
-    return _matrices(*_running_product(*_quaternions(coning, steps)))
+    # Unit quaternions a + b j of the rotation vectors (coning, Re, Im): a = w + i x, b = y + i z.
+    half = 0.5 * np.hypot(coning, np.abs(steps))
+    scale = 0.5 * np.sinc(half / np.pi)
+    return _matrices(*_running_product(np.cos(half) + 1j * (scale * coning), scale * steps))
 
 
 def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
-
-    `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.
-    """
+    """Roll (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to the first sample's, by p and q + i r, rad/s."""
     roll = running_integral(time, p)
     turn = np.exp(1j * roll)
     first, second, third = np.moveaxis(derolled_attitude(time, transverse_rate * turn), -1, 0)
     cosine, sine = turn.real[..., np.newaxis], turn.imag[..., np.newaxis]
     return roll, np.stack([first, second * cosine + third * sine, third * cosine - second * sine], axis=-1)
-
-
-def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Unit quaternions a + b j (n, ...) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
-    half = 0.5 * np.hypot(axial, np.abs(transverse))
-    scale = 0.5 * np.sinc(half / np.pi)
-    return np.cos(half) + 1j * (scale * axial), scale * transverse
 
 
 def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -235,15 +227,6 @@ def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
 # ---- The velocity from a start, by forces and gravity ----
 
 
-# Surface gravity m/s^2 and mean radius m.
-_PLANETS = {
-    "earth": (9.80665, 6.371e6),
-    "mars": (3.721, 3.3895e6),
-    "venus": (8.87, 6.0518e6),
-    "titan": (1.352, 2.5747e6),
-}
-
-
 @dataclass(frozen=True)
 class WindStart:
     """Unit velocity (3,) at the first sample and gravity (3,) m/s^2, both in the body axes of that sample."""
@@ -271,25 +254,16 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
     speed = record.flight.velocity
     if forces:
         pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
-        velocity = _at_airspeed(pulled, speed)
+        size = np.linalg.norm(pulled, axis=1)
+        direction, more = pulled / size[:, None], speed - size
+        # What changes the speed acts along the velocity v: v' = |v| u' + |v|' u has the airspeed's V' in place of |v|',
+        # and the integral of V' u + |v| u' is V u less that of (V - |v|) u'.
+        velocity = np.asarray(speed[:, None] * direction, dtype=float)
+        velocity[1:] -= np.cumsum(0.5 * (more[1:] + more[:-1])[:, None] * np.diff(direction, axis=0), axis=0)
     else:
         turned = running_integral(record.time, start.gravity / speed[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
-
-
-def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
-    """A velocity (n, 3) that forces and gravity have turned, had it turned at this speed (n,).
-
-    What changes the speed acts along the velocity: v' = |v| u' + |v|' u has V' in place of |v|', and the integral of
-    V' u + |v| u' is V u less that of (V - |v|) u'.
-    """
-    size = np.linalg.norm(velocity, axis=1)
-    direction, more = velocity / size[:, None], airspeed - size
-    steps = 0.5 * (more[1:] + more[:-1])[:, None] * np.diff(direction, axis=0)
-    out = np.asarray(airspeed[:, None] * direction, dtype=float)
-    out[1:] -= np.cumsum(steps, axis=0)
-    return out
 
 
 def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:
@@ -323,10 +297,8 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     second = np.cross(third, first)
     both = first + direction
     size = 1.0 + direction @ first
-    return (
-        second - ((direction @ second) / size)[:, None] * both,
-        third - ((direction @ third) / size)[:, None] * both,
-    )
+    second, third = (axis - ((direction @ axis) / size)[:, None] * both for axis in (second, third))
+    return second, third
 
 
 def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:

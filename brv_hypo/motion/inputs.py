@@ -31,7 +31,6 @@ INPUT_MOST_SHAPES = 40  # and at most
 INPUT_SIGNIFICANT = 0.5  # sigmas of the rates' noise from which a shape is significant
 INPUT_FOLLOWED = 1.2  # what a spline that follows its input may leave, in white noise of the channel
 
-
 ROLL_RATE = "roll rate noise"
 PRESSURE = "pressure noise"
 
@@ -52,17 +51,13 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
     """The inputs of a flight, at its reconstructed motion; those of a flight that holds them smoothed as they are."""
     flight, errors = reconstruction.flight, reconstruction.input_errors
     if not errors:
-        flight, errors = _smoothed(reconstruction, flight)
+        flight, errors = smoothed_inputs(reconstruction, flight)
     roll, axes = _derolled(reconstruction, flight.p)
     return SmoothInputs(flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, errors)
 
 
-def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
-    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
-    return _smoothed(reconstruction, reconstruction.corrected)
-
-
-def _smoothed(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, tuple[InputError, ...]]:
+def smoothed_inputs(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, tuple[InputError, ...]]:
+    """The flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
     motion = reconstruction.motion
     roll_rate = smoothed(flight.p)
     if not follows(flight.p, roll_rate.values, flight):  # the local filter leaves slow noise as it is
@@ -101,10 +96,8 @@ def _derolled(reconstruction: Reconstruction, roll_rate: FloatArray) -> tuple[Fl
 
 
 def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
-    """The shapes (coefficients, shapes), of at most `INPUT_MOST_SHAPES`, up to the last that is significant in
-    the rates.
-
-    A shape changes the transverse rates by a `share` (shapes,) of them times its own size.
+    """The shapes (coefficients, shapes) up to the last that is significant in the rates, which one changes by a `share`
+    (shapes,) of them times its own size.
     """
     motion = reconstruction.motion
     rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))

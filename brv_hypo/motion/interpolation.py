@@ -21,9 +21,13 @@ from brv_hypo.arrays import FloatArray, IntArray, Values
 
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 
-
-# Samples from which splines have no knot at the second and the last but one.
-_FEWEST = 4
+_FEWEST = 4  # samples from which splines have no knot at the second and the last but one
+NEAREST = 6  # nodes that a place lies between: degree 5
+_MOST_KEPT = 20_000  # samples up to which all are kept
+# Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
+# like. They follow by extrapolation over an eighth of the spacing at most.
+_END = 4
+_BLOCK = 20_000  # samples of many columns that are held at once
 
 
 @dataclass(frozen=True)
@@ -106,12 +110,6 @@ def _kept_splines(time: bytes, start: float, stop: float, count: int) -> FloatAr
     return design
 
 
-def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The interval of samples that holds each time (n,) s, and the time since its first sample (n,) s."""
-    interval = samples[1:-1].searchsorted(time, side="right")
-    return interval, time - samples[interval]
-
-
 def running_integral(time: FloatArray, values: Values) -> Values:
     """Integral of `values` (n, ...), real or complex, from the first sample to each; fourth order."""
     if time.size < _FEWEST:
@@ -119,9 +117,6 @@ def running_integral(time: FloatArray, values: Values) -> Values:
     flat = np.ascontiguousarray(values).reshape(time.size, -1)
     grid = SplineGrid.on(time)
     return grid.integrals(flat, grid.slopes(flat)).reshape(values.shape)
-
-
-NEAREST = 6  # nodes that a place lies between: degree 5
 
 
 def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
@@ -171,15 +166,6 @@ class Quadrature:
 # ---- What is as slow as the motion, kept on as many samples as the motion needs ----
 
 
-# Samples up to which all are kept.
-_MOST_KEPT = 20_000
-# Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
-# like. They follow by extrapolation over an eighth of the spacing at most.
-_END = 4
-# Samples of many columns that are held at once.
-_BLOCK = 20_000
-
-
 def blocks(samples: int) -> list[slice]:
     """All samples, as many at once as are held of many columns."""
     return [slice(first, min(first + _BLOCK, samples)) for first in range(0, samples, _BLOCK)]
@@ -192,10 +178,7 @@ def spacing(meridian_rate: FloatArray, roll_rate: FloatArray, step: float, per_c
 
 
 def turning(meridian_rate: FloatArray, roll_rate: FloatArray, step: float) -> float:
-    """Frequency of the fastest motion in axes that do not roll, rad a sample; rates (n,) rad/s, step s.
-
-    What is fixed to the body turns as well.
-    """
+    """Frequency, rad a sample, of the fastest motion in axes that do not roll; what is fixed to the body turns too."""
     crossflow = float(np.percentile(np.abs(roll_rate - meridian_rate), RESPONSE_FASTEST))
     return max(crossflow, float(np.max(np.abs(roll_rate)))) * step
 

@@ -37,12 +37,16 @@ NODE_WOUND = 0.5
 NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
 
-
 # ---- Angles, elementwise over arrays of any one shape ----
 
 
 # Below this crossflow (rad) the meridian rate is damped towards zero: it is undefined at alpha = 0.
 CROSSFLOW_FLOOR = 1e-6
+SMOOTH = (
+    *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
+    *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
+)
+"""Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
 
 
 def angle_of_attack(crossflow: ComplexArray) -> FloatArray:
@@ -88,16 +92,6 @@ def body_from_plane(in_plane: FloatArray, out_of_plane: FloatArray, phi_w: Float
 def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
     """C_N' + i C_Z' from C_m + i C_n: the inverse of `body_from_plane`."""
     return np.asarray(moment * np.exp(1j * phi_w), dtype=complex)
-
-
-# ---- The motion of a vehicle ----
-
-
-SMOOTH = (
-    *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
-    *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
-)
-"""Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
 
 
 @dataclass(frozen=True)
@@ -239,25 +233,21 @@ class _Past:
         along, across, *smooth = np.ascontiguousarray(self._spline(np.maximum(time, first)).T)
         xi = np.asarray(along + 1j * across, dtype=complex)
         before = np.minimum(time - first, 0.0) * motion.windward_meridian_rate[0]
+        meridian = windward_meridian(xi) + before
+        turns = np.zeros(meridian.size)  # that unwrap it, and bring its end next to the motion's
+        np.cumsum(np.round(np.diff(meridian) / (-2.0 * np.pi)), out=turns[1:])
+        turns += np.round((motion.windward_meridian[-1] - meridian[-1]) / (2.0 * np.pi) - turns[-1])
         return replace(
             motion,
             time=time,
             alpha=angle_of_attack(xi),
-            windward_meridian=_unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian),
+            windward_meridian=np.asarray(meridian + 2.0 * np.pi * turns, dtype=float),
             history=_Past(motion, ago),
             roll_acceleration=None,
             axial_share=None,
             common_time=None,
             **dict(zip(self._smooth, smooth, strict=True)),
         )
-
-
-def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
-    """`angle` unwrapped over time and moved by whole turns next to `reference`."""
-    turns = np.zeros(angle.size)
-    np.cumsum(np.round(np.diff(angle) / (-2.0 * np.pi)), out=turns[1:])
-    turns += np.round((reference[-1] - angle[-1]) / (2.0 * np.pi) - turns[-1])
-    return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)
 
 
 # ---- Between the samples, where the meridian turns too fast for them ----

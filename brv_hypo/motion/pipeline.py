@@ -11,18 +11,18 @@ force's coefficient over its median: by that force a c.g. off the axis turns the
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from brv_hypo import thresholds as limits
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
 from brv_hypo.motion.interpolation import blocks
-from brv_hypo.motion.methods import ReconstructionConfig, method_of
+from brv_hypo.motion.methods import ReconstructionConfig, methods
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, projected_variance
@@ -102,12 +102,19 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     place = np.linspace(-1.0, 1.0, alpha.size)
     shapes = np.column_stack([np.ones_like(place), place, place**2, alpha**2])
     count, scale, valid = shapes.shape[1], record.force_scale, record.measured
-    columns = np.column_stack([scale[:, np.newaxis] * shapes, _read_along_the_axis(record)])[valid]
+    # What the axial accelerometer reads by one tolerance of its bias, tilt and place, m/s^2.
+    flight, tolerances, still = record.flight, record.flight.instruments, np.zeros_like(alpha)
+    _, tilt_y, tilt_z = tolerances.accel_misalignment
+    errors = [np.full_like(alpha, tolerances.accel_bias[0]), tilt_z * flight.ay, tilt_y * flight.az]
+    places = (
+        arm_acceleration(flight.p, still, record.transverse_rate, record.rate_change, arm)[:, 0]
+        for arm in np.diag(tolerances.accel_position)
+    )
+    columns = np.column_stack([scale[:, np.newaxis] * shapes, *errors, *places])[valid]
     force = record.force[valid, 0]
     left = max(float(np.std(force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0])), 1e-300)
-    priors = np.eye(columns.shape[1])[count:]
-    rows = np.vstack([columns / left, priors])
-    values = np.linalg.lstsq(rows, np.concatenate([force / left, np.zeros(len(priors))]), rcond=None)[0]
+    rows = np.vstack([columns / left, np.eye(columns.shape[1])[count:]])  # with the priors of the errors
+    values = np.linalg.lstsq(rows, np.append(force / left, np.zeros(columns.shape[1] - count)), rcond=None)[0]
     coefficient = shapes @ values[:count]
     # With the changes last, the triangle's last rows hold what of them is beyond all others.
     others = [0, *range(count, columns.shape[1])]
@@ -117,32 +124,37 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     return np.asarray(coefficient / np.median(coefficient), dtype=float) if significant else None
 
 
-def _read_along_the_axis(record: InertialRecord) -> FloatArray:
-    """What the axial accelerometer reads (n, errors) m/s^2 by one tolerance of its bias, tilt and place."""
-    flight, tolerances = record.flight, record.flight.instruments
-    _, tilt_y, tilt_z = tolerances.accel_misalignment
-    still = np.zeros_like(flight.p)
-    places = [
-        arm_acceleration(flight.p, still, record.transverse_rate, record.rate_change, arm)[:, 0]
-        for arm in np.diag(tolerances.accel_position)
-    ]
-    bias = np.full_like(flight.p, tolerances.accel_bias[0])
-    return np.column_stack([bias, tilt_z * flight.ay, tilt_y * flight.az, *places])
-
-
 # ---- What limits a reconstruction, as far as the record itself shows, and what would help ----
 
 
-def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
+def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Iterator[str]:
     """Warnings, the most important first."""
-    checks = (
-        _attitude_lost(record),
-        _alpha_error(record, wind),
-        _moment_noise(record, moments),
-        _samples_per_cycle(record),
-        _gravity(record, wind),
-    )
-    return tuple(text for text in checks if text is not None)
+    flight, measured = record.flight, record.measured
+    lost = gaps_of(flight)
+    if lost:
+        first, last = lost[0]
+        others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
+        yield (
+            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
+            "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side "
+            "of it (--start, --stop)"
+        )
+    alpha = angle_of_attack(wind.crossflow)[measured]
+    share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)
+    if share >= limits.WARNED_ALPHA:
+        known = f"known to {100.0 * share:.0f} % of its rms only" if share < 10.0 else "not known"
+        yield (
+            f"the angle of attack is {known}; a longer window, or one of "
+            "higher dynamic pressure, determines the attitude to the wind better"
+        )
+    yield from _moment_noise(record, moments)
+    yield from _samples_per_cycle(record)
+    expected, found = gravity_magnitude(flight), float(np.linalg.norm(wind.gravity))
+    if expected is not None and found > 0.0 and found >= limits.WARNED_GRAVITY * expected:
+        yield (
+            f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
+            "shear, gyro bias or a wrong accelerometer position are likely"
+        )
 
 
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:
@@ -152,57 +164,30 @@ def gaps_of(flight: Flight) -> list[tuple[float, float]]:
     return [(float(flight.time[b]), float(flight.time[a])) for b, a in between]
 
 
-def _attitude_lost(record: InertialRecord) -> str | None:
-    """What the first of the gaps that nothing bridges does."""
-    lost = gaps_of(record.flight)
-    if not lost:
-        return None
-    first, last = lost[0]
-    others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
-    return (
-        f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
-        "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side of "
-        "it (--start, --stop)"
-    )
-
-
-def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
-    alpha = angle_of_attack(wind.crossflow)[record.measured]
-    share = rms(wind.alpha_sigma[record.measured]) / max(rms(alpha), 1e-150)
-    if share < limits.WARNED_ALPHA:
-        return None
-    known = f"known to {100.0 * share:.0f} % of its rms only"
-    return (
-        f"the angle of attack is {known if share < 10.0 else 'not known'}; a longer window, or one of "
-        "higher dynamic pressure, determines the attitude to the wind better"
-    )
-
-
-def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None:
+def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[str]:
     """Whether noise hides the moments; as a share of the moments that the gyros show.
 
     Weighed by the dynamic pressure: as it falls, a coefficient's error grows without bound, a moment's does not.
     """
     usable = moments.usable
     if not usable.any():
-        return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+        yield "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+        return
     size = rms(moments.body[usable]) / np.sqrt(2.0)
     if rms(moments.noise_sigma[usable]) < limits.WARNED_MOMENTS * max(size, 1e-300):
-        return None
+        return
     pressure = record.flight.dynamic_pressure[usable]
-    shown = rms(record.moment[usable] * pressure) / np.sqrt(2.0)
-    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
-    text = (
+    shown = max(rms(record.moment[usable] * pressure) / np.sqrt(2.0), 1e-300)
+    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / shown
+    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / shown
+    left = f". The errors of the record that were fitted leave {share:.2g} % of these moments"
+    yield (
         f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
-        "only strong mechanisms can be distinguished"
+        f"only strong mechanisms can be distinguished{left if share < WARNED_LEFT else ''}"
     )
-    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
-    if share < WARNED_LEFT:
-        text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
-    return text
 
 
-def _samples_per_cycle(record: InertialRecord) -> str | None:
+def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
     """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own.
 
     The strongest motion, of which `inspect` tells, may be far slower, and is named beside it.
@@ -212,31 +197,18 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
     noise = record.gyro_sigma**2
     power = float(np.var(spin.signal[record.measured])) - 2.0 * noise
     if power <= 0.0:
-        return "the transverse rates hold nothing but noise"
+        yield "the transverse rates hold nothing but noise"
+        return
     step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
     if 2.0 * np.pi > limits.WARNED_PER_CYCLE * step:
-        return None
+        return
     strongest = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)
     beside = f"; that of the strongest has {flight.sample_rate / strongest:.3g}" if strongest > 0.0 else ""
-    return (
+    yield (
         f"a cycle of the transverse motion's rms frequency has about {2.0 * np.pi / step:.0f} samples at "
         f"{flight.sample_rate:.3g} Hz{beside}: differentiated gyros are noisy, and delays shorter than a few samples "
         "cannot be distinguished from none"
     )
-
-
-def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
-    expected = gravity_magnitude(record.flight)
-    found = float(np.linalg.norm(wind.gravity))
-    if expected is None or found == 0.0 or found < limits.WARNED_GRAVITY * expected:
-        return None
-    return (
-        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
-        "shear, gyro bias or a wrong accelerometer position are likely"
-    )
-
-
-# ---- From a flight record to its wind-relative motion and moments: the entrance of this package ----
 
 
 def reconstruct(
@@ -251,7 +223,7 @@ def reconstruct(
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    wind: WindHistory = method_of(config.method)(record, config, perturbations)
+    wind: WindHistory = methods()[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))
@@ -283,10 +255,15 @@ def reconstruct(
 
 
 def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Motion:
-    flight = record.flight
-    xi = wind.crossflow
+    flight, xi = record.flight, wind.crossflow
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
-    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
+    # The rate of the crossflow from the kinematics: Eq. 3.1 with gravity, per unit of speed.
+    own, forward = wind.record, np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
+    acceleration = own.force + own.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
+    transverse = acceleration[:, 1] + 1j * acceleration[:, 2]
+    along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
+    turning = -1j * own.flight.p * xi + 1j * own.transverse_rate * forward
+    alpha_rate, meridian_rate = angle_rates(xi, turning + (transverse - xi * along) / own.flight.velocity)
     in_plane = plane_from_body(moments.body, meridian).real
     # C_m0 + C_malpha alpha, fitted to it by weighted least squares.
     weight, line = np.where(moments.usable, 1.0 / moments.noise_sigma, 0.0), np.vander(alpha, 2)
@@ -310,14 +287,3 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         roll_acceleration=np.gradient(flight.p, flight.time),
         axial_share=axial_share(record, alpha),
     )
-
-
-def _crossflow_rate(wind: WindHistory) -> ComplexArray:
-    """Rate of the crossflow (n,), 1/s, from the kinematics: Eq. 3.1 with gravity, per unit of speed."""
-    record, flight, xi = wind.record, wind.record.flight, wind.crossflow
-    forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
-    acceleration = record.force + record.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
-    transverse = acceleration[:, 1] + 1j * acceleration[:, 2]
-    along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
-    turning = -1j * flight.p * xi + 1j * record.transverse_rate * forward
-    return np.asarray(turning + (transverse - xi * along) / flight.velocity)

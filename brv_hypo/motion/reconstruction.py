@@ -25,6 +25,8 @@ from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
 
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
+FORMAT = "brv-motion"
+FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning
 
 
 @dataclass(frozen=True)
@@ -187,10 +189,6 @@ class Reconstruction(HasCharts, Histories):
     def phi_w_rms_sigma(self) -> float:
         """Root mean square of the standard deviation of the windward meridian, rad, where there is no gap."""
         return rms(self.phi_w_sigma[self.flight.measured()])
-
-
-FORMAT = "brv-motion"
-FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning
 
 
 def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite: bool = False) -> None:

@@ -1,9 +1,8 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`perturbed` gives the inertial record under it.
-`effect_responses` linearises each by a central difference about a noise-free flight: smoothed rates, speed and
-pressure, and the normal force as fitted. A regressor made from measured channels would hold the noise of the
-response, and find itself.
+`perturbed` gives the inertial record under it. `effect_responses` linearises each by a central difference about a
+noise-free flight: smoothed rates, speed and pressure, and the normal force as fitted. A regressor made from measured
+channels would hold the noise of the response, and find itself.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ RESPONSE_STEP = 1e-2
 GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
-
-Axes = tuple[FloatArray, FloatArray]
-"""Two axes (n, 3) across the velocity."""
+Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
+AT_ONCE = 60_000  # samples of perturbed records that are held at once, some 200 bytes each
+MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)
@@ -86,26 +85,22 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
         }
         for j, k in enumerate(turned):
             turns[k] = {name: np.ascontiguousarray(each[:, j]) for name, each in together.items()}
-    swing = _swing(record, before)
-    return [_moved(record, flight, turns.get(k, {}), swing) for k, flight in enumerate(flights)]
+    swing, found = _swing(record, before), []
+    for k, flight in enumerate(flights):
+        moved, force, spin_angle = replace(record, flight=flight, **turns.get(k, {})), record.force, record.spin_angle
+        if _differ(flight, before, ACCELEROMETERS):
+            force = force + (sensed_force(flight) - sensed_force(before))
+        if k in turns or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
+            force = force + swing
+            force -= _swing(moved, flight)
+        if k in turns or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
+            spin_angle = (1.0 - flight.vehicle.inertia_ratio) * moved.roll
+        found.append(replace(moved, spin_angle=spin_angle, force=force))
+    return found
 
 
 def _differ(flight: Flight, before: Flight, names: Sequence[str]) -> bool:
     return any(getattr(flight, name) is not getattr(before, name) for name in names)
-
-
-def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing: FloatArray) -> InertialRecord:
-    """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
-    before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
-    if _differ(flight, before, ACCELEROMETERS):
-        force = force + (sensed_force(flight) - sensed_force(before))
-    if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
-        force = force + swing
-        force -= _swing(moved, flight)
-    spin_angle = record.spin_angle
-    if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
-        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * moved.roll
-    return replace(moved, spin_angle=spin_angle, force=force)
 
 
 def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
@@ -115,11 +110,6 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 
 
 # ---- Linear responses, and what the record says of its errors ----
-
-
-# Samples of perturbed records that are held at once, some 200 bytes each.
-AT_ONCE = 60_000
-MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)
@@ -141,15 +131,12 @@ class EffectResponses:
 
 @dataclass(frozen=True)
 class EffectFit:
-    """What the record says of its own errors: mean (k,) and covariance (k, k), in units of their sizes.
-
-    `known` (k,) of it is taken out already of the record that the responses belong to.
-    """
+    """What the record says of its own errors, in units of their sizes."""
 
     responses: EffectResponses
-    known: FloatArray
-    value: FloatArray
-    covariance: FloatArray
+    known: FloatArray  # of it, what is taken out already of the record that the responses belong to (k,)
+    value: FloatArray  # mean (k,)
+    covariance: FloatArray  # (k, k)
 
 
 def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -165,10 +152,7 @@ def no_responses(record: InertialRecord) -> EffectResponses:
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
-    """The flight corrected by the estimated errors.
-
-    Raises UnanswerableError where they are so large that no speed or dynamic pressure is left.
-    """
+    """The flight corrected by the estimated errors; UnanswerableError where no speed or dynamic pressure is left."""
     errors = zip(fit.responses.effects, fit.value, strict=True)
     flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
     if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
@@ -190,7 +174,11 @@ def effect_responses(
     """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
         return no_responses(record)
-    smooth, kept = noise_free(record, force), _kept(record, crossflow)
+    smooth, flight, meridian = noise_free(record, force), record.flight, np.unwrap(windward_meridian(crossflow))
+    # The samples that the motion needs, each stretch between the ends of segments by itself.
+    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
+    stride = spacing(np.gradient(meridian, flight.time), flight.p, flight.step, RESPONSE_PER_CYCLE)
+    kept = decimated_grid(list(itertools.pairwise(edges)), stride)
     width = max(1, AT_ONCE // record.time.size)
     drift = np.empty((kept.size, 3, len(effects)))
     forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
@@ -205,14 +193,6 @@ def effect_responses(
             pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
             moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
     return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
-
-
-def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
-    """The samples that the motion needs, each stretch between the ends of segments by itself."""
-    flight = record.flight
-    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
-    rate = np.gradient(np.unwrap(windward_meridian(crossflow)), flight.time)
-    return decimated_grid(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
 
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
@@ -243,10 +223,7 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
 
 
 def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
-    """Change (n, 3, k) m/s of the velocity relative to the air, in the axes of the first sample.
-
-    A turned attitude moves the air as much as a turned velocity does.
-    """
+    """Change (n, 3, k) m/s of the velocity relative to the air, which a turned attitude moves as well."""
     forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
     flow = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
     velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)
@@ -256,19 +233,15 @@ def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[In
     if moved:
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
         impulses[:, :, moved] = running_integral(smooth.time, pulls)
-    impulses -= np.stack([_wind(record) - _wind(smooth) for record in records], axis=2)
+    known = [np.zeros((1, 3)) if each.flight.wind is None else each.flight.wind for each in (smooth, *records)]
+    calm, *winds = (wind - wind[0] for wind in known)
+    impulses -= np.stack([np.broadcast_to(wind - calm, velocity.shape) for wind in winds], axis=2)
     drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
     for k, record in enumerate(records):
         if record.attitude is not smooth.attitude:
             drift[:, :, k] += velocity
             drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
     return drift
-
-
-def _wind(record: InertialRecord) -> FloatArray:
-    """The wind (n, 3) m/s that is known, less that of the first sample."""
-    wind = record.flight.wind
-    return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
 
 
 class Drift:

@@ -33,6 +33,9 @@ SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density v
 SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
 SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
 SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
+_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
+_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
+_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
 
 
 def rms(values: FloatArray | ComplexArray) -> float:
@@ -226,15 +229,13 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     Bias is judged against the next even order in the same window, and against the narrowest filter of all:
     windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
-    longest = max(piece.size for piece in pieces)
-    parts = [[np.ascontiguousarray(each.real)] for each in pieces]
-    for each, own in zip(pieces, parts, strict=True):
-        if np.any(each.imag):
-            own.append(np.ascontiguousarray(each.imag))
+    widest = max(piece.size for piece in pieces) // DERIVATIVE_WINDOWS
+    both = ([np.ascontiguousarray(each.real), np.ascontiguousarray(each.imag)] for each in pieces)
+    parts = [[real, imaginary] if np.any(imaginary) else [real] for real, imaginary in both]
     best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
     for order in DERIVATIVE_ORDERS:
         valley = np.inf
-        for half_width in _half_widths(order // 2 + 1, longest):
+        for half_width in _half_widths(order // 2 + 1, widest):
             against = _differences(order, half_width)
             bias = max(
                 _squared_bias(parts, difference, sigma, margin)
@@ -249,10 +250,10 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     return choice
 
 
-def _half_widths(smallest: int, longest: int) -> list[int]:
-    """Half-widths in steps of about a quarter, the window at most a fifth of the longest piece."""
+def _half_widths(smallest: int, widest: int) -> list[int]:
+    """Half-widths in steps of about a quarter, the window at most `widest`."""
     widths, width = [smallest], float(smallest)
-    while 2 * int(width := max(width + 1.0, DERIVATIVE_WIDENING * width)) + 1 <= longest // DERIVATIVE_WINDOWS:
+    while 2 * int(width := max(width + 1.0, DERIVATIVE_WIDENING * width)) + 1 <= widest:
         widths.append(int(width))
     return widths
 
@@ -287,11 +288,6 @@ def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma:
 
 
 # ---- Cubic smoothing splines, and what they leave of the noise as a few independent shapes in time ----
-
-
-_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
-_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
-_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
 
 
 @dataclass(frozen=True)

@@ -37,11 +37,11 @@ BENT = 0.2
 # Samples at the ends of a segment that are not used: what a late clock makes of them is outside the record.
 SEGMENT_ENDS = 4
 LARGEST_LOCAL_SCALING = 4.0  # of an observation that hardly changes along the crossflow: it says little there
-# Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
-_RIDGE = 1e-11
+_RIDGE = 1e-11  # keeps unknowns that the data do not see from making the normal equations singular; they stay at zero
 # All steps together vary by this share at least of the variance that the measurements leave of one level, which changes
 # no answer: steps without noise, of rates that were computed, make the information singular in double precision.
 _LEAST_STEP_VARIANCE = 1e-4
+Columns = Callable[[slice], ComplexArray]  # makes rows of columns (n, k), which need not all exist at once
 
 
 @dataclass(frozen=True)
@@ -109,15 +109,6 @@ class MeasurementModel:
         factor = across / np.where(along == 0.0, 1e-300, along)
         bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
         return LocalScaling(bounded, unit(xi) ** 2)
-
-    def add_effects(self, columns: ComplexArray, rows: slice, modelled: ComplexArray) -> None:
-        """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
-
-        An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
-        """
-        columns += self.kept.all_of(self.effects, rows)
-        if self.factors is not None:
-            columns -= self.kept.all_of(self.factors, rows) * modelled[rows, np.newaxis]
 
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -193,10 +184,6 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
 # ---- The random walk, and the globals that measurements share ----
 
 
-Columns = Callable[[slice], ComplexArray]
-"""Makes rows of columns (n, k), which need not all exist at once."""
-
-
 @dataclass(frozen=True)
 class LinearMeasurement:
     """One observation at each of n samples."""
@@ -209,17 +196,13 @@ class LinearMeasurement:
 
 @dataclass(frozen=True)
 class WalkEquations:
-    """The problem once the walk is eliminated: normal equations of the globals.
-
-    `answer` (n, 2 k + 2): the walk at theta = 0 and less its change per unit of each global, real parts before
-    imaginary ones; `walk_variance` (n,) per part, given the globals; `gram` (k + 1, k + 1): inner products of residual
-    (first) and columns, whitened.
-    """
+    """The problem once the walk is eliminated: normal equations of the globals."""
 
     last: LinearMeasurement
+    # the walk at theta = 0 and less its change per unit of each global, real parts before imaginary ones (n, 2 k + 2)
     answer: FloatArray
-    walk_variance: FloatArray
-    gram: FloatArray
+    walk_variance: FloatArray  # per part, given the globals (n,)
+    gram: FloatArray  # inner products of residual (first) and columns, whitened (k + 1, k + 1)
 
     def sensitivity(self, rows: slice = slice(None)) -> ComplexArray:
         """Change of the walk per unit of each global (rows, k)."""
@@ -269,18 +252,8 @@ def walk_equations(
     information[1, :-1] += steps
     information[1, 1:] += steps
     information[0, 1:] = -steps
-    gram, projected = _normal_equations(measurements)
-    factor = cholesky_banded(information)
-    half, _ = dtbtrs(factor, projected, uplo="U", trans="T", overwrite_b=True)
-    for part in (half[:, : gram.shape[0]], half[:, gram.shape[0] :]):
-        gram -= part.T @ part
-    answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
-    return WalkEquations(measurements[-1], answer, _inverse_diagonal(information), gram)
-
-
-def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
-    """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
-    n, count = measurements[0].residual.size, measurements[0].columns(slice(1)).shape[1] + 1
+    # Inner products of whitened residual and columns, and their projection on the walk.
+    count = measurements[0].columns(slice(1)).shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
         gain = np.conj(measurement.gain) / measurement.sigma
@@ -292,13 +265,13 @@ def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatA
             white *= gain[rows, np.newaxis]
             projected[rows, :count] += white.real
             projected[rows, count:] += white.imag
-    return gram, projected
-
-
-def _inverse_diagonal(band: FloatArray) -> FloatArray:
-    """Diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample."""
-    upward = cholesky_banded(band)[1] ** 2
-    reverse = np.zeros_like(band)
-    reverse[1], reverse[0, 1:] = band[1, ::-1], band[0, :0:-1]
+    factor = cholesky_banded(information)
+    half, _ = dtbtrs(factor, projected, uplo="U", trans="T", overwrite_b=True)
+    for part in (half[:, :count], half[:, count:]):
+        gram -= part.T @ part
+    answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
+    # The diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample.
+    upward, reverse = cholesky_banded(information)[1] ** 2, np.zeros_like(information)
+    reverse[1], reverse[0, 1:] = information[1, ::-1], information[0, :0:-1]
     downward = cholesky_banded(reverse)[1, ::-1] ** 2
-    return np.asarray(1.0 / (upward + downward - band[1]))
+    return WalkEquations(measurements[-1], answer, 1.0 / (upward + downward - information[1]), gram)

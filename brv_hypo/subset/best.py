@@ -11,6 +11,7 @@ import logging
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +20,12 @@ from numpy.typing import ArrayLike
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
-from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
 from brv_hypo.subset.search import (
     CLOSED,
     Board,
     Chosen,
-    Node,
     NumpyTree,
     OpenSubtree,
     StopSearchError,
@@ -34,29 +34,23 @@ from brv_hypo.subset.search import (
     seed_board,
 )
 
-# ---- What a search returns: fitted subsets, their certificate, what was set aside ----
-
-
-# Contiguous blocks of rows for the held-out error.
-HELD_OUT_BLOCKS = 5
+HELD_OUT_BLOCKS = 5  # contiguous blocks of rows for the held-out error
+SCHUR_CONDITION = 2e5  # scaled condition number above which Schur complements lose too many digits
+# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
+COMPILING_NODES = 8000
+COMPILE_ALLOWANCE_S = 10.0  # seconds that a time limit must leave for the compiled kernel to be worth sending for
 
 
 @dataclass(frozen=True)
 class Subset:
     """One subset and its fit."""
 
-    columns: tuple[int, ...]
-    """Chosen columns of X, ascending, without the forced ones."""
-    rss: float
-    """Residual sum of squares."""
-    terms: tuple[int, ...]
-    """The forced columns, then the chosen ones."""
-    coefficients: FloatArray
-    """Of `terms`, in their order."""
-    std_errors: FloatArray
-    """Ordinary ones, from RSS / (n - p), in the order of `terms`."""
-    criteria: Criteria
-    """The selection criteria."""
+    columns: tuple[int, ...]  # chosen columns of X, ascending, without the forced ones
+    rss: float  # residual sum of squares
+    terms: tuple[int, ...]  # the forced columns, then the chosen ones
+    coefficients: FloatArray  # of `terms`, in their order
+    std_errors: FloatArray  # ordinary ones, from RSS / (n - p), in the order of `terms`
+    criteria: Criteria  # the selection criteria
 
     @property
     def size(self) -> int:
@@ -68,42 +62,27 @@ class Subset:
 class Certificate:
     """What the search has proved."""
 
-    exact: bool
-    """No allowed subset of a returned size beats the returned ones."""
-    nodes: int
-    """Nodes visited."""
-    margin: float
-    """Relative allowance for rounding with which branches were cut."""
-    gap: float
-    """The largest of `gaps`."""
-    gaps: tuple[float, ...]
-    """By how much, relatively, the RSS of size 1, 2, ... may still be too high; 0 where that size is proved."""
-    seconds: float
-    """Wall-clock time."""
-    kernel: str
-    """``numpy`` or ``numba-schur``: the last that was used."""
-    status: str
-    """How it ended, in words."""
+    exact: bool  # no allowed subset of a returned size beats the returned ones
+    nodes: int  # nodes visited
+    margin: float  # relative allowance for rounding with which branches were cut
+    gap: float  # the largest of `gaps`
+    gaps: tuple[float, ...]  # of the RSS of size 1, 2, ...: how much, relatively, it may still be too high; 0 if proved
+    seconds: float  # wall-clock time
+    kernel: str  # ``numpy`` or ``numba-schur``: the last that was used
+    status: str  # how it ended, in words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SubsetResult(Tabular):
     """Subsets by size, then by residual sum of squares."""
 
-    subsets: tuple[Subset, ...]
-    """The best of every size."""
-    certificate: Certificate
-    """What was proved of them."""
+    subsets: tuple[Subset, ...]  # the best of every size
+    certificate: Certificate  # what was proved of them
+    # Columns that equal a combination of others. Multiples of one column, and of forced ones, are not searched unless a
+    # rule names them, and stand-ins of the same span can be read off here; no subset holds all of a longer combination.
     aliases: tuple[Alias, ...]
-    """Columns that equal a combination of others.
-
-    Multiples of one column, and of forced ones, are not searched unless a rule names them, and stand-ins of the same
-    span can be read off here; of the columns of a longer combination no subset holds all.
-    """
-    baseline: Subset
-    """The forced model alone."""
-    refused: tuple[Refusal, ...] = ()
-    """Columns so near to dependence that no subset holds them together either, with the reason."""
+    baseline: Subset  # the forced model alone
+    refused: tuple[Refusal, ...] = ()  # so near to dependence that no subset holds them together, with the reason
 
     def headline(self) -> str:
         """How many subsets, and whether they are certainly the best."""
@@ -131,7 +110,7 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
         rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
         n_forced=len(frame.forced),
         complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
-        blocks=contiguous_blocks(frame.y.size, HELD_OUT_BLOCKS),
+        blocks=np.arange(frame.y.size) * HELD_OUT_BLOCKS // frame.y.size,
     )
 
     def fitted(columns: tuple[int, ...]) -> Subset:
@@ -155,14 +134,6 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
 # ---- How the search is run: by which kernel, for how long, and what it proved ----
 
 
-# Scaled condition number above which Schur complements lose too many digits.
-SCHUR_CONDITION = 2e5
-# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
-COMPILING_NODES = 8000
-# Seconds that a time limit must leave for the compiled kernel to be worth sending for.
-COMPILE_ALLOWANCE_S = 10.0
-
-
 def search(board: Board, threads: int = 1, time_limit_s: float | None = None) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
     started = time.perf_counter()
@@ -176,9 +147,8 @@ def search(board: Board, threads: int = 1, time_limit_s: float | None = None) ->
             logging.getLogger(__name__).info(message)
         from brv_hypo.subset.compiled import search_compiled
 
-        kernel = "numba-schur"
         more, left = search_compiled(board, left, deadline, threads)
-        nodes += more
+        kernel, nodes = "numba-schur", nodes + more
     gaps = proved_gaps(board, left)
     return Certificate(
         exact=not left,
@@ -216,24 +186,18 @@ def _search_numpy(board: Board, deadline: float) -> tuple[int, list[OpenSubtree]
             else:
                 tree.score(piece)
             continue
-        orthogonal = _ill_conditioned(board.frame, piece)
+        condition = board.frame.condition
+        if np.isinf(condition):
+            condition = float(np.linalg.cond(piece.R)) if piece.undecided.size else 1.0
+        orthogonal = condition > SCHUR_CONDITION  # Schur complements lose too many digits on this piece
         board.widen(piece.rounding_margin(orthogonal=orthogonal))
         budget = np.inf if orthogonal or board.frame.constraints.active else allowed
         if late or nodes >= budget:
             left.append(OpenSubtree(piece.included, tuple(piece.undecided.tolist()), piece.bound))
-            continue
-        try:
-            tree.run(piece)
-        except StopSearchError:
-            continue
+        else:
+            with suppress(StopSearchError):
+                tree.run(piece)
     return nodes, tree.open_subtrees + left
-
-
-def _ill_conditioned(frame: Frame, piece: Node) -> bool:
-    """Whether Schur complements lose too many digits on this piece."""
-    if np.isfinite(frame.condition):
-        return frame.condition > SCHUR_CONDITION
-    return bool(piece.undecided.size) and float(np.linalg.cond(piece.R)) > SCHUR_CONDITION
 
 
 def _numpy_budget(deadline: float) -> float:
@@ -257,14 +221,13 @@ def proved_gaps(board: Board, left: Sequence[OpenSubtree]) -> tuple[float, ...]:
             least = node.bound + np.append(np.sort(node.rises())[::-1], 0.0)[1:]
             sizes = lowest[len(node.included) + 1 :][: least.size]
             np.minimum(sizes, least[: sizes.size], out=sizes)
-    return tuple(_gap(board, size, float(lowest[size])) for size in range(1, board.max_size + 1))
-
-
-def _gap(board: Board, size: int, lowest: float) -> float:
-    worst = board.worst(size)
-    if not np.isfinite(lowest) or board.limits[size] == CLOSED or lowest > board.limits[size]:
-        return 0.0
-    return max(0.0, 1.0 - lowest / worst) if board.full(size) and worst > 0.0 else 1.0
+    gaps = []
+    for size, bound in enumerate(lowest[1:].tolist(), start=1):
+        worst, limit = board.worst(size), board.limits[size]
+        undecided = np.isfinite(bound) and limit != CLOSED and bound <= limit
+        gap = max(0.0, 1.0 - bound / worst) if board.full(size) and worst > 0.0 else 1.0
+        gaps.append(gap if undecided else 0.0)
+    return tuple(gaps)
 
 
 def best_subsets(
@@ -273,8 +236,8 @@ def best_subsets(
     max_terms: int = 10,
     forced: Sequence[int] = (0,),
     n_best: int = 1,
-    groups: Groups | None = None,
-    parents: Parents | None = None,
+    groups: Groups = None,
+    parents: Parents = None,
     weights: ArrayLike | None = None,
     time_limit_s: float | None = None,
     threads: int = 1,
@@ -331,7 +294,7 @@ def best_columns(
     max_terms: int = 10,
     forced: Sequence[int] = (0,),
     n_best: int = 1,
-    groups: Groups | None = None,
+    groups: Groups = None,
 ) -> tuple[Chosen, ...]:
     """The subsets of ``best_subsets``, proved like them but not fitted: residual sums of squares and columns alone."""
     board = _seeded(build_frame(X, y, forced, None, groups, None), max_terms, n_best)

@@ -17,16 +17,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
+from scipy.linalg.lapack import dtrtri
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
-# ---- The state of a search, and how its loops are compiled ----
-
-# Scalars of the search, by position in ``Work.state``.
-LEVEL, NODES, HITS = 0, 1, 2
-# An argument as numpy scalar: numba would compile a function anew for every literal.
-NONE: Any = np.int64(-1)
+LEVEL, NODES, HITS = 0, 1, 2  # scalars of the search, by position in ``Work.state``
+NONE: Any = np.int64(-1)  # an argument as numpy scalar: numba would compile a function anew for every literal
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -37,6 +33,10 @@ compiled: Callable[[Function], Function] = _jit(**_OPTIONS)
 """Compile on first call, keep on disk, run without the interpreter lock."""
 compiled_part: Callable[[Function], Function] = _jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
 """The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
+# Nodes visited after a hit before the kernel hands it over.
+PATIENCE = 32
+HIT_ROOM = 512
+TURN = 10_000  # nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds
 
 
 class Work(NamedTuple):
@@ -207,10 +207,6 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
         out_v[i] = v[i] - M[last, i] * shift
 
 
-# Nodes visited after a hit before the kernel hands it over.
-PATIENCE = 32
-
-
 @compiled
 def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     """Go on until the tree or the budget is done, hits have waited long enough, or their room is short.
@@ -265,20 +261,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 # ---- The search of one piece, called ----
 
 
-HIT_ROOM = 512
-# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
-TURN = 10_000
-
-
-def _run(w: Work, limits: FloatArray) -> list[tuple[int, ...]]:
-    """Search a piece on under these limits, for a turn at most; the subsets that got under them."""
-    loosest = np.maximum.accumulate(limits[::-1])[::-1].copy()
-    search(w, limits, loosest, TURN)
-    found = [tuple(row[1 : row[0] + 1]) for row in w.hits[: w.state[HITS]].tolist()]
-    w.state[HITS] = 0
-    return found
-
-
 def _open_subtrees(w: Work) -> list[OpenSubtree]:
     """What is still undecided of a piece, outermost first."""
     rest = []
@@ -294,23 +276,19 @@ def _open_subtrees(w: Work) -> list[OpenSubtree]:
 def _working_arrays(board: Board, piece: Node) -> Work:
     base, m = len(piece.included), piece.undecided.size
     levels = board.max_size - base + 2
-    S, H, c, beta = np.zeros((levels, m, m)), np.zeros((levels, m, m)), np.zeros((levels, m)), np.zeros((levels, m))
+    S, H, c, beta = (np.zeros((levels, *shape)) for shape in ((m, m), (m, m), (m,), (m,)))
     # H from the inverse of R, never from the inverse of S, which would square the condition number.
-    inverse = piece.inverse
+    inverse = np.asarray(dtrtri(piece.R)[0], dtype=np.float64)
     S[0], c[0] = piece.R.T @ piece.R, piece.R.T @ piece.z
     H[0], beta[0] = inverse @ inverse.T, inverse @ piece.z
-    ids = np.empty((levels, m), dtype=np.int64)
-    ids[0] = piece.undecided
-    count, rss, bound = np.zeros(levels, dtype=np.int64), np.empty(levels), np.empty(levels)
-    count[0], rss[0], bound[0] = m, piece.rss, piece.bound
-    owns = np.zeros(levels, dtype=np.bool_)
-    owns[0] = True
+    ids, count, rss, bound = np.empty((levels, m), dtype=np.int64), np.zeros(levels, int), *np.empty((2, levels))
+    ids[0], count[0], rss[0], bound[0] = piece.undecided, m, piece.rss, piece.bound
     chosen = np.full(board.max_size + 1, -1, dtype=np.int64)
     chosen[:base] = piece.included
     return Work(
         S=S, H=H, c=c, beta=beta, ids=ids, count=count, branched=np.zeros(levels, dtype=np.bool_),
-        owns=owns, rss=rss, bound=bound, most=np.full(levels, board.max_size, dtype=np.int64), chosen=chosen,
-        hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), rise=np.empty(m),
+        owns=np.arange(levels) == 0, rss=rss, bound=bound, most=np.full(levels, board.max_size, dtype=np.int64),
+        chosen=chosen, hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), rise=np.empty(m),
         diagonal=np.empty(m), state=np.zeros(3, dtype=np.int64), base=base, slack=board.margin,
     )  # fmt: skip
 
@@ -318,10 +296,7 @@ def _working_arrays(board: Board, piece: Node) -> Work:
 def search_compiled(
     board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
-    """Search all subtrees, lowest bound first: nodes visited, and what is left at the deadline.
-
-    Several threads take a turn each on as many subtrees, and give back what is left of these for the next turn.
-    """
+    """Search all subtrees, lowest bound first, in turns on threads: nodes visited, what is left at the deadline."""
     nodes, left = 0, list(subtrees)
     lock, until = threading.Lock(), deadline
 
@@ -339,7 +314,10 @@ def search_compiled(
             return 0, []
         w = _working_arrays(board, piece)
         while w.state[LEVEL] >= 0 and time.perf_counter() < until and (threads == 1 or w.state[NODES] < TURN):
-            hits = _run(w, board.limits.copy())
+            limits = board.limits.copy()
+            search(w, limits, np.maximum.accumulate(limits[::-1])[::-1].copy(), TURN)
+            hits = [tuple(row[1 : row[0] + 1]) for row in w.hits[: w.state[HITS]].tolist()]
+            w.state[HITS] = 0
             with lock:
                 board.offer_all(hits)
         return int(w.state[NODES]), _open_subtrees(w)

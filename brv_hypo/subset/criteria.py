@@ -18,8 +18,7 @@ from brv_hypo.arrays import FloatArray, IntArray
 MOST_REFINEMENTS = 8
 # Correction, against the coefficients, that is below the last digit of extended precision by ten and more.
 NEGLIGIBLE = 1e-21
-# Condition number of the scaled columns from which the variances are refined too.
-REFINE_VARIANCES_FROM = 1e6
+REFINE_VARIANCES_FROM = 1e6  # condition number of the scaled columns from which the variances are refined too
 
 
 @dataclass(frozen=True)
@@ -41,11 +40,8 @@ def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> Le
     """
     n, k = X.shape
     if k == 0:
-        residuals = y.astype(np.float64)
-        return LeastSquares(
-            coefficients=np.empty(0), rss=float(y @ y), residuals=residuals, basis=np.empty((n, 0)),
-            inverse_diagonal=np.empty(0),
-        )  # fmt: skip
+        none = np.empty(0)
+        return LeastSquares(none, float(y @ y), y.astype(np.float64), basis=np.empty((n, 0)), inverse_diagonal=none)
     scale = np.linalg.norm(X.astype(np.float64), axis=0)
     scale = np.exp2(np.round(np.log2(np.where(scale > 0.0, scale, 1.0))))
     wide: Any = X.astype(np.longdouble) / scale
@@ -95,60 +91,37 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
     return beta
 
 
-# ---- The selection criteria of Section 3.3.2 of the report, with AIC, BIC and a held-out error ----
-
-
 @dataclass(frozen=True)
 class Criteria:
-    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others.
-
-    nan where the data do not define one (no degrees of freedom left).
+    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others; nan without degrees of
+    freedom.
     """
 
-    rss: float
-    """(a) Sum of e^2."""
-    adjusted_rss: float
-    """(b) RSS / (n - p). Hocking, Biometrics 32 (1976) 1."""
-    r2: float
-    """1 - RSS / RSS_0."""
-    adjusted_r2: float
-    """1 less the ratio of RSS / (n - p) to RSS_0 / (n - p + k)."""
-    prediction_error: float
-    """(c) RSS (n + p) / (n (n - p)). Akaike, Ann. Inst. Stat. Math. 21 (1969) 243."""
-    cp: float
-    """(d) RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661."""
-    f_ratio: float
-    """(e) ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F."""
-    expected_variance: float
-    """(f) p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261."""
+    rss: float  # (a) Sum of e^2
+    adjusted_rss: float  # (b) RSS / (n - p). Hocking, Biometrics 32 (1976) 1.
+    r2: float  # 1 - RSS / RSS_0
+    adjusted_r2: float  # 1 less the ratio of RSS / (n - p) to RSS_0 / (n - p + k)
+    prediction_error: float  # (c) RSS (n + p) / (n (n - p)). Akaike, Ann. Inst. Stat. Math. 21 (1969) 243.
+    cp: float  # (d) RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661.
+    f_ratio: float  # (e) ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F
+    expected_variance: float  # (f) p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261.
+    # (g) s^2 (1 - g) + bias^2 + 2 s^2 g_A, averaged over the rows (Allen, Technometrics 13 (1971) 469): at row x, g is
+    # x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their predictions.
     point_error: float
-    """(g) s^2 (1 - g) + bias^2 + 2 s^2 g_A, averaged over the rows. Allen, Technometrics 13 (1971) 469.
-
-    At a row x, g is x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their
-    predictions.
-    """
-    press: float
-    """Sum of (e / (1 - h))^2: each row predicted from all others. Allen, Technometrics 16 (1974) 125."""
-    aic: float
-    """n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716."""
-    bic: float
-    """n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461."""
-    held_out: float
-    """Mean square error on blocks of rows, each predicted from the others."""
+    press: float  # sum of (e / (1 - h))^2: each row predicted from all others. Allen, Technometrics 16 (1974) 125.
+    aic: float  # n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716.
+    bic: float  # n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461.
+    held_out: float  # mean square error on blocks of rows, each predicted from the others
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What criteria compare with.
+    """What criteria compare with."""
 
-    ``rss_forced`` and ``n_forced`` belong to the forced model, ``complete`` is the fit of all columns, ``blocks`` (n,)
-    labels the rows to be held out together 0, 1, ...
-    """
-
-    rss_forced: float
-    n_forced: int
-    complete: LeastSquares
-    blocks: IntArray
+    rss_forced: float  # of the forced model
+    n_forced: int  # columns of it
+    complete: LeastSquares  # the fit of all columns
+    blocks: IntArray  # labels (n,) 0, 1, ... of the rows to be held out together
 
 
 def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
@@ -202,11 +175,6 @@ def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
         return float("nan")
     shift = np.linalg.solve(inner, within[:, :, k:])[:, :, 0]
     return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
-
-
-def contiguous_blocks(n: int, count: int) -> IntArray:
-    """Label n rows, in their order, with ``count`` blocks of nearly equal length."""
-    return np.minimum(np.arange(n) * count // max(n, 1), count - 1)
 
 
 def _ratio(a: float, b: float) -> float:

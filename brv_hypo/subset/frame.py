@@ -20,7 +20,18 @@ from scipy.linalg.lapack import dtrtrs
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
-# ---- Which subsets are allowed: groups of columns and parents of columns ----
+EPS = float(np.finfo(np.float64).eps)
+SPAN_TOLERANCE = 1e-12  # relative size of what is left of a column below which it counts as lying in a span
+ALIAS_TOLERANCE = 1e-11  # distance of two unit columns below which they are one column under two names
+# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence.
+WEAK_DIAGONAL = 1e-6
+# What is left of a column after others, in units of its rounding error: below the first it is nothing; below the
+# second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
+ROUNDING_MULTIPLE = 64.0
+MEANINGFUL_MULTIPLE = 2.0**16
+# Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
+MOST_SQUARED = 1e140
+NAMED_TERM = 1e-9  # relative size of the terms of a combination that are named
 
 
 @dataclass(frozen=True)
@@ -41,22 +52,17 @@ def at_most_one(*columns: int) -> Group:
     return Group(tuple(columns), "at_most_one")
 
 
-Groups = Sequence[Group | Sequence[int]]
-Parents = Mapping[int, int | Sequence[int]]
+Groups = Sequence[Group | Sequence[int]] | None
+Parents = Mapping[int, int | Sequence[int]] | None
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """The rules over m candidates, closed under implication.
+    """The rules over m candidates, closed under implication."""
 
-    ``requires[j]``: the candidates that j brings along (j itself not among them).
-    ``excludes[j]``: the candidates that cannot be in one subset with j and what it brings.
-    ``possible[j]``: whether any allowed subset holds j.
-    """
-
-    requires: BoolArray
-    excludes: BoolArray
-    possible: BoolArray
+    requires: BoolArray  # (m, m): the candidates that each brings along, itself not among them
+    excludes: BoolArray  # (m, m): those that cannot be in one subset with it and what it brings
+    possible: BoolArray  # (m,): whether any allowed subset holds it
 
     @cached_property
     def active(self) -> bool:
@@ -69,8 +75,7 @@ class Constraints:
         """Both with what the rules imply carried out; None where no allowed subset is left."""
         if not self.active:
             return tuple(included), tuple(undecided)
-        inside = np.zeros(self.possible.size, dtype=np.bool_)
-        alive = inside.copy()
+        inside, alive = np.zeros((2, self.possible.size), dtype=np.bool_)
         inside[list(included)] = True
         alive[list(undecided)] = True
         brought = self.requires[inside].any(axis=0) & ~inside
@@ -79,13 +84,12 @@ class Constraints:
         if impossible or not self.possible[inside].all():
             return None
         alive &= ~brought & ~barred & self.possible
-        inside |= brought
-        alive &= ~(self.requires & ~(inside | alive)[None, :]).any(axis=1)
+        alive &= ~(self.requires & ~(inside | brought | alive)[None, :]).any(axis=1)
         order = [*included, *np.flatnonzero(brought)]
         return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
 
 
-def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[int]:
+def constrained_columns(groups: Groups, parents: Parents) -> set[int]:
     """Every column that a rule names."""
     named = {column for group in _normalised(groups) for column in group.columns}
     for child, own in (parents or {}).items():
@@ -94,23 +98,21 @@ def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[i
 
 
 def build_constraints(
-    candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups | None, parents: Parents | None
+    candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups, parents: Parents
 ) -> Constraints:
     """Translate rules on columns of X into rules on candidates.
 
     A column that is neither candidate nor forced (it lies in the forced span, so it adds nothing) holds
     nobody back: as a parent it counts as present, in a group it is passed over.
     """
-    position = {column: i for i, column in enumerate(candidates)}
+    position, m = {column: i for i, column in enumerate(candidates)}, len(candidates)
     outside = sorted(c for c in constrained_columns(groups, parents) if not 0 <= c < n_columns)
     if outside:
         raise UsageError(
             f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
             "number the columns as they stand in X, forced ones included"
         )
-    m = len(candidates)
-    requires = np.zeros((m, m), dtype=np.bool_)
-    excludes = np.zeros((m, m), dtype=np.bool_)
+    requires, excludes = np.zeros((2, m, m), dtype=np.bool_)
     possible = np.ones(m, dtype=np.bool_)
     for group in _normalised(groups):
         members = [position[c] for c in group.columns if c in position]
@@ -124,11 +126,6 @@ def build_constraints(
         if child in position:
             requires[position[child], [position[c] for c in _as_tuple(own) if c in position]] = True
     np.fill_diagonal(excludes, False)
-    return _closed(requires, excludes, possible)
-
-
-def _closed(requires: BoolArray, excludes: BoolArray, possible: BoolArray) -> Constraints:
-    m = possible.size
     if not requires.any() and not excludes.any():
         return Constraints(requires, excludes, possible)
     reach = requires | np.eye(m, dtype=np.bool_)
@@ -143,7 +140,7 @@ def _closed(requires: BoolArray, excludes: BoolArray, possible: BoolArray) -> Co
     return Constraints(reach, clash, possible)
 
 
-def _normalised(groups: Groups | None) -> list[Group]:
+def _normalised(groups: Groups) -> list[Group]:
     return [g if isinstance(g, Group) else together(*g) for g in groups or ()]
 
 
@@ -154,23 +151,6 @@ def _as_tuple(value: int | Sequence[int]) -> tuple[int, ...]:
 # ---- From (X, y) to the searched problem: weights, forced columns, scaling, aliases, triangular factor ----
 
 
-EPS = float(np.finfo(np.float64).eps)
-# Relative size of what is left of a column below which it counts as lying in a span.
-SPAN_TOLERANCE = 1e-12
-# Distance of two unit columns below which they are one column under two names.
-ALIAS_TOLERANCE = 1e-11
-# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence.
-WEAK_DIAGONAL = 1e-6
-# What is left of a column after others, in units of its rounding error: below the first it is nothing; below the
-# second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
-ROUNDING_MULTIPLE = 64.0
-MEANINGFUL_MULTIPLE = 2.0**16
-# Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
-MOST_SQUARED = 1e140
-# Relative size of the terms of a combination that are named.
-NAMED_TERM = 1e-9
-
-
 class Alias(NamedTuple):
     """A column that equals a combination of others: ``x[column] = sum(weight * x[other])``."""
 
@@ -179,14 +159,11 @@ class Alias(NamedTuple):
 
 
 class Refusal(NamedTuple):
-    """Columns that no subset holds together: of the last, only rounding is left after the others.
-
-    ``remainder`` is what is left of it, relative to its length; ``reason`` says so in words.
-    """
+    """Columns that no subset holds together: of the last, only rounding is left after the others."""
 
     columns: tuple[int, ...]
-    remainder: float
-    reason: str
+    remainder: float  # what is left of it, relative to its length
+    reason: str  # that in words
 
 
 @dataclass(frozen=True)
@@ -197,11 +174,9 @@ class Frame:
     y: FloatArray  # the weighted response (n,)
     forced: tuple[int, ...]  # columns in every subset, independent of each other
     candidates: IntArray  # columns of X to choose from (m,); everywhere else candidates go by their positions in it
-    R: FloatArray
-    """Triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length."""
+    R: FloatArray  # triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length
     z: FloatArray  # the response on the same axes (m,)
-    noise: FloatArray
-    """Rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits."""
+    noise: FloatArray  # rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits
     rss_forced: float  # residual sum of squares of the forced columns alone
     rss_full: float  # residual sum of squares of all columns
     rank: int  # number of independent candidates
@@ -209,11 +184,6 @@ class Frame:
     set_aside: tuple[Alias, ...]  # columns that are no candidates, as they equal combinations of others
     dependent: tuple[IntArray, ...]  # the columns of each linear dependency among the candidates
     constraints: Constraints  # which subsets are allowed
-
-    @property
-    def n_candidates(self) -> int:
-        """Number of candidates searched over."""
-        return int(self.candidates.size)
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
@@ -241,17 +211,9 @@ class Frame:
 
 
 def build_frame(
-    X: ArrayLike,
-    y: ArrayLike,
-    forced: Sequence[int],
-    weights: ArrayLike | None,
-    groups: Groups | None,
-    parents: Parents | None,
+    X: ArrayLike, y: ArrayLike, forced: Sequence[int], weights: ArrayLike | None, groups: Groups, parents: Parents
 ) -> Frame:
-    """Check the input and reduce it to a triangular problem.
-
-    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of range.
-    """
+    """Check the input and reduce it to a triangular problem; UsageError for what is unfit."""
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
@@ -271,9 +233,7 @@ def build_frame(
     R = factor[:m, :m].copy()
     noise = (original[~inside] / norms[~inside])[keep]
     independent, involved = dependencies(R, noise)
-    condition = 1.0 if m == 0 else np.inf
-    if len(independent) == m > 0:
-        condition = float(np.linalg.cond(R))
+    condition = (float(np.linalg.cond(R)) if m else 1.0) if len(independent) == m else np.inf
     return Frame(
         X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(),
         noise=noise,
@@ -354,9 +314,8 @@ def _checked(
     columns = tuple(dict.fromkeys(int(j) for j in forced))
     outside = [j for j in columns if not 0 <= j < X_array.shape[1]]
     if outside:
-        raise UsageError(
-            f"forced names columns {outside}, but X has columns 0..{X_array.shape[1] - 1}; use forced=() for none"
-        )
+        known = f"X has columns 0..{X_array.shape[1] - 1}"
+        raise UsageError(f"forced names columns {outside}, but {known}; use forced=() for none")
     for name, values in (*((f"column {j} of X", column) for j, column in enumerate(X_array.T)), ("y", y_array)):
         largest = float(np.max(np.abs(values), initial=0.0))
         if largest > MOST_SQUARED or 0.0 < largest < 1.0 / MOST_SQUARED:

@@ -26,18 +26,14 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, square_triangle, triangle
 
-# ---- The best subsets so far ----
-
 # Residual sum of squares, and the columns of X without the forced ones, ascending.
 Chosen = tuple[float, tuple[int, ...]]
-# Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
-TIE = 1e-11
-# Relative allowance for rounding in a bound where the columns are well-conditioned.
-LEAST_MARGIN = 1e-10
-# A limit that nothing can get under.
-CLOSED = -1.0
-# What forward selection must find left of a unit column.
-LEAST_LENGTH = 3e-6
+TIE = 1e-11  # residual sums of squares closer than this, relatively, are a tie and are ordered by column number
+LEAST_MARGIN = 1e-10  # relative allowance for rounding in a bound where the columns are well-conditioned
+CLOSED = -1.0  # A limit that nothing can get under
+LEAST_LENGTH = 3e-6  # what forward selection must find left of a unit column
+CLOSED_FORM = 2  # places left that need no inverse to be filled
+DETERMINANT_SLACK = 1e-12  # relative allowance for rounding in the 2x2 determinant of a pair
 
 
 class Board:
@@ -125,9 +121,6 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
     return frame.rss_full + float(tail @ tail)
 
 
-# ---- Good subsets found quickly: forward selection ----
-
-
 def seed_board(board: Board) -> None:
     """Fill the board with good subsets of every size, where no rules restrict them; exactness never depends on it."""
     frame = board.frame
@@ -146,12 +139,6 @@ def seed_board(board: Board) -> None:
 
 
 # ---- Nodes: what is in, what is undecided, and the factor of what is left ----
-
-
-# Places left that need no inverse to be filled.
-CLOSED_FORM = 2
-# Relative allowance for rounding in the 2x2 determinant of a pair.
-DETERMINANT_SLACK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -178,11 +165,6 @@ class Node:
     def rss(self) -> float:
         """Residual sum of squares of the included columns alone."""
         return self.bound + float(self.z @ self.z)
-
-    @property
-    def inverse(self) -> FloatArray:
-        """R^-1, found anew each time: a tree may have tens of thousands of nodes."""
-        return np.asarray(dtrtri(self.R)[0], dtype=np.float64)
 
     def rises(self) -> FloatArray:
         """Rise of the bound on dropping each undecided column; zero where the factor is singular."""
@@ -252,8 +234,8 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtr
 
     Leaves are left to be made, once, by who scores them: of dependent columns nearly all parts are leaves.
     """
-    dependent = frame.rank < frame.n_candidates
-    stack = [OpenSubtree((), tuple(range(frame.n_candidates)), frame.rss_full)]
+    dependent = frame.rank < frame.candidates.size
+    stack = [OpenSubtree((), tuple(range(frame.candidates.size)), frame.rss_full)]
     while stack:
         part = stack.pop()
         allowed = frame.constraints.propagated(part.included, part.undecided)
@@ -272,10 +254,7 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtr
 
 
 def _cut(node: Node, max_size: int) -> Iterator[OpenSubtree]:
-    """Each part of a node with a dependency: by the first column of it that is left out.
-
-    What comes before that one is in; parts that would hold more than `max_size` are none.
-    """
+    """Parts of a node with a dependency, by the first of its columns that is left out; those before are in."""
     involved = node.dependency
     place = np.full(node.undecided.max() + 1, len(involved))
     place[list(involved)] = np.arange(len(involved))

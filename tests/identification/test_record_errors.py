@@ -15,6 +15,7 @@ from brv_hypo.identification.parameters import (
     RATIO_ERROR,
     ROLL_RATE_ERROR,
     RecordErrors,
+    error_histories,
     lever_force,
     noise_free_flights,
     of_flight,
@@ -35,7 +36,7 @@ def linearised(bodyfixed):
 
 
 def histories(errors: RecordErrors, name: str) -> tuple[float, dict[str, np.ndarray]]:
-    return next((value.size, dict(rows)) for value, rows in errors.histories.items() if value.name == name)
+    return next((value.size, dict(rows)) for value, rows in errors.items() if value.name == name)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_an_error_touches_what_it_should(linearised, name, touched):
 
 
 def test_what_no_equation_feels_is_left_out(linearised):
-    names = {value.name for value in linearised[2].histories}
+    names = {value.name for value in linearised[2]}
     assert not names & {"accel_bias x", "accel_scale x"}
 
 
@@ -95,7 +96,7 @@ def test_gravity_follows_an_attitude_computed_from_a_rate_that_is_too_large(line
 def test_a_moment_of_the_hypothesis_is_not_carried_a_second_time(bodyfixed, linearised):
     frame = bodyfixed[1].frame
     (errors,) = record_errors(frame, (linearised[0],), (linearised[1],), frozenset({"trim"}))
-    names = {value.name.split()[0] for value in errors.histories}
+    names = {value.name.split()[0] for value in errors}
     assert "trim" not in names
     assert "dynamic_imbalance" in names
 
@@ -104,7 +105,7 @@ def test_courses_hold_the_histories_at_the_nodes(linearised):
     flight, inputs, errors = linearised
     local = np.arange(300).reshape(100, 3)
     turn = np.exp(1j * inputs.roll[:300])
-    time_varying = {c.name: c for c in errors.time_varying(flight.time[:300], slice(0, 300), turn, local)}
+    time_varying = {c.name: c for c in error_histories(errors, 0, flight.time[:300], slice(0, 300), turn, local)}
     course = time_varying[of_flight(GYROS[0], 0)]
     size, scale = histories(errors, "gyro_scale q")
     row = course.weights.index(of_flight("gyro_scale q", 0))

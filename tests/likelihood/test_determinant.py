@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from brv_hypo.likelihood.collocation import Model, linearise_segment
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, kalman_innovations
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradients, kalman_innovations
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, sensitivities
 from brv_hypo.likelihood.segment import Hold, Segment, build_grid, build_parameters
 
@@ -78,7 +78,8 @@ def test_it_is_that_of_the_outputs_covariance(hold: Hold) -> None:
 def test_its_gradient_is_that_of_its_differences(hold: Hold, method: str) -> None:
     problem, iterate = place(hold, method)
     segments = sensitivities(problem, iterate)
-    found = determinant_gradient(problem, iterate, segments)
+    here = [(problem.process_noise, iterate.variance)]
+    found = determinant_gradients(problem, iterate, segments, here)[0]
     expected = [_slope(problem, iterate, segments, i) for i in range(3)]
     np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-5 * np.abs(expected).max())
 

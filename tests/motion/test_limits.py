@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.motion.inertial import inertial_record
-from brv_hypo.motion.methods import ReconstructionConfig, method_of
+from brv_hypo.motion.methods import ReconstructionConfig, methods
 from brv_hypo.motion.pipeline import limits_of, moment_estimate
 from tests.flights import nominal
 
@@ -16,7 +16,7 @@ def test_noise_is_told_of_the_moments_that_the_gyros_show() -> None:
     """Fitted errors of the record that take nearly all of the moments do not make the noise thousands of times them."""
     config = ReconstructionConfig(method="rates")
     record = inertial_record(nominal().flight, config)
-    wind = method_of("rates")(record, config, ())
+    wind = methods()["rates"](record, config, ())
     moments = moment_estimate(wind.record, wind.effects)
     assert not any("differentiating" in text for text in limits_of(record, wind, moments))
     emptied = replace(moments, body=1e-4 * moments.body)

@@ -19,26 +19,15 @@ from brv_hypo.io.text import meant
 from brv_hypo.motion.signals import ColouredNoise
 
 
-def _methods() -> dict[str, Callable[..., Any]]:
+def methods() -> dict[str, Callable[..., Any]]:
+    """The methods that there are, by name, the default first."""
     modules = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    return {method.__name__: method for module in modules for method in module.METHODS}
-
-
-def method_names() -> tuple[str, ...]:
-    """The methods that there are, the default first."""
-    return ("joint", *sorted(_methods().keys() - {"joint"}))
-
-
-def method_of(name: str) -> Callable[..., Any]:
-    """The method of that name."""
-    return _methods()[name]
-
-
-# ---- What a user may choose about a reconstruction ----
+    found = {method.__name__: method for module in modules for method in module.METHODS}
+    return {"joint": found.pop("joint"), **dict(sorted(found.items()))}
 
 
 def _known(name: str) -> str:
-    known = method_names()
+    known = tuple(methods())
     if name not in known:
         raise ValueError(f"no such method ({meant(name, known, 'known are ' + ', '.join(known))})")
     return name

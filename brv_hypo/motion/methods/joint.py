@@ -82,24 +82,21 @@ MOTION_ROUGH = 0.01  # of the crossflow's rms, to which the motion is found abou
 MOTION_LINEARISATIONS = 6
 MOTION_MOVED = 0.1
 
-
 _RAN_AWAY = (
     "the attitude to the wind diverges from step to step instead of converging: forces and rates of this record do not "
     "belong to one motion. Likely causes: wrong axes, signs or units, or errors beyond all tolerance. See `brv-hypo "
     "inspect`, or take `--method rates`, which uses the gyros alone."
 )
 
-
-StartingPoint = tuple[WindStart, ComplexArray]
-"""A start and a crossflow (n,) from which a fit may begin."""
+Measurements = tuple[MeasurementModel, ...]  # the normal force, and the static moment where that is too little
+StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) from which a fit may begin
 
 
 @dataclass(frozen=True)
 class SmoothedMotion:
     """A converged fit."""
 
-    # what was fitted: the normal force, and the static moment where that is too little
-    measurements: tuple[MeasurementModel, ...]
+    measurements: Measurements  # what was fitted
     start: WindStart  # where the nominal motion starts
     coefficients: tuple[FloatArray, ...]  # those of each measurement (unknowns,)
     crossflow: ComplexArray  # (n,)
@@ -148,20 +145,23 @@ class RandomWalkSmoother:
         known: FloatArray | None = None,
         rough: float = 0.0,
     ) -> None:
-        self.record = record
+        self.record, self.rough = record, rough
         self.responses = no_responses(record) if responses is None else responses
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
-        self.rough = rough
         self.shared = GRAVITY_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
-        self.step_variance = _step_variance(record)
+        # Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide.
+        step, measured = record.flight.step, record.measured
+        speed = 0.5 * (self.speed[1:] + self.speed[:-1])
+        variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
+        hidden = ~(measured[1:] & measured[:-1])
+        rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[measured]) ** 2)))
+        length = max(int(np.count_nonzero(hidden)), 1) * step
+        self.step_variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
         self.nose_start = start_from_nose(record)
 
-    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
-        """Fit from a motion that is near; without one from the nose's mean, or better.
-
-        The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
-        """
+    def solve(self, measurements: Measurements, near: StartingPoint | None = None) -> SmoothedMotion:
+        """Fit from a motion that is near; else the best from the nose's mean and from linear fits about that."""
         if near is not None:
             return self._iterate(measurements, *near)
         starts = [self.nose_start, *map(self._linear_start, measurements)]
@@ -186,14 +186,13 @@ class RandomWalkSmoother:
         return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
 
     def _iterate(
-        self, measurements: tuple[MeasurementModel, ...], start: WindStart, crossflow: ComplexArray | None = None
+        self, measurements: Measurements, start: WindStart, crossflow: ComplexArray | None = None
     ) -> SmoothedMotion:
         """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
         if crossflow is None:
             crossflow = body_crossflow(self.record, wind_direction(self.record, start))
         coefficients: tuple[FloatArray, ...] = ()
-        share, last = 1.0, None
-        equations: WalkEquations | None = None
+        share, last, equations = 1.0, None, None
         for _ in range(MOTION_MOST_STEPS):
             direction = wind_direction(self.record, start)
             axes = transverse_axes(direction)
@@ -211,9 +210,8 @@ class RandomWalkSmoother:
                 raise UnanswerableError(_RAN_AWAY)
             share, last = share if last is None else relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
-            start = _moved(
-                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:GRAVITY_PARTS]
-            )
+            gravity = share * solution.theta[:GRAVITY_PARTS]
+            start = _moved(start, axes, share * solution.walk[0] / self.speed[0], gravity)
             ends = np.cumsum([values.size for values in coefficients])[:-1]
             steps = np.split(share * solution.theta[self.shared :], ends)
             coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
@@ -256,10 +254,7 @@ class RandomWalkSmoother:
         offset: ComplexArray,
         drift: Drift,
     ) -> tuple[WalkEquations, LocalScaling | None]:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
-
-        With it the scaling of the last measurement.
-        """
+        """The linear problem about the crossflow `xi`, `offset` from the nominal one; the scaling of the last."""
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
 
         def linear(
@@ -277,7 +272,11 @@ class RandomWalkSmoother:
                 here, moved = own[rows], drift[rows]
                 out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
                 errors, shared = out[:, GRAVITY_PARTS : self.shared], out[:, : self.shared]
-                measurement.add_effects(errors, rows, modelled)
+                # What they add to the observation less what the model makes of it. An error of the scale is at every
+                # crossflow what the slope would be: only its prior parts the two.
+                errors += measurement.kept.all_of(measurement.effects, rows)
+                if measurement.factors is not None:
+                    errors -= measurement.kept.all_of(measurement.factors, rows) * modelled[rows, np.newaxis]
                 if scaling is not None:
                     errors[:] = scaling.of(errors, rows)
                 shared += gain[rows, np.newaxis] * moved
@@ -335,17 +334,6 @@ def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     change = step - before
     fall = -float(np.vdot(change, before).real)
     return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
-
-
-def _step_variance(record: InertialRecord) -> FloatArray:
-    """Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide."""
-    step = record.flight.step
-    speed = 0.5 * (record.flight.velocity[1:] + record.flight.velocity[:-1])
-    variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
-    hidden = ~(record.measured[1:] & record.measured[:-1])
-    rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[record.measured]) ** 2)))
-    length = max(int(np.count_nonzero(hidden)), 1) * step
-    return np.asarray(np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance))
 
 
 # ---- The method: which measurements, with what slopes and noise ----
@@ -417,9 +405,8 @@ def _linearised(
 
 
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float = 1.0) -> SmoothedMotion:
-    """A fit with simple slopes, of the force alone where it says enough; the force's noise so many times as loud.
-
-    What these slopes lack would go to the record's errors, far beyond their tolerances.
+    """A fit with simple slopes, of the force alone where it says enough; its noise louder, as what slopes lack is in
+    it.
     """
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
@@ -450,9 +437,7 @@ def _with_force(
     return problem.solve((replace(fit.measurements[-1], sigma=sigma),), fit.near)
 
 
-def _with_moment(
-    problem: RandomWalkSmoother, others: tuple[MeasurementModel, ...], measurement: MeasurementModel
-) -> SmoothedMotion:
+def _with_moment(problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel) -> SmoothedMotion:
     """Fit by the static moment too, its noise set so that anomalies count for what they are: not white."""
     measurement = measurement.with_slope_count(problem.record.time, MOMENT_SLOPE_COUNT)
     measurement = _with_anomalies(measurement)
@@ -471,10 +456,7 @@ def _with_anomalies(moment: MeasurementModel) -> MeasurementModel:
 
 
 def _choose_slope(
-    problem: RandomWalkSmoother,
-    others: tuple[MeasurementModel, ...],
-    measurement: MeasurementModel,
-    near: StartingPoint | None,
+    problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel, near: StartingPoint | None
 ) -> SmoothedMotion:
     """The slope's basis in time, and whether it bends, by the Bayesian information criterion.
 

@@ -62,7 +62,7 @@ def _best_entry(
     frame: Frame, chosen: tuple[int, ...], rss: float, max_size: int, samples: int
 ) -> tuple[float, tuple[int, ...], float] | None:
     moves = []
-    outside = [j for j in range(frame.n_candidates) if j not in chosen]
+    outside = [j for j in range(frame.candidates.size) if j not in chosen]
     for j in outside:
         allowed = frame.constraints.propagated((*chosen, j), [i for i in outside if i != j])
         if allowed is None or len(allowed[0]) > max_size:
