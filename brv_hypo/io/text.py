@@ -114,6 +114,11 @@ def known_to(value: float, sigma: float) -> str:
     return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
 
 
+def estimated(value: float, sigma: float) -> str:
+    """An estimate with its standard error."""
+    return f"{known_to(value, sigma)} ± {number(sigma, 2)}"
+
+
 def f_ratio(value: float | None) -> str:
     """A ratio of variances: below a hundredth it says nothing."""
     if value is not None and math.isfinite(value) and 0.0 <= value < 0.01:

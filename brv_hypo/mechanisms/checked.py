@@ -34,8 +34,6 @@ Item = TypeVar("Item", bound=Mechanism | RecordEffect)
 Data = TypeVar("Data", bound=Motion | Flight)
 Result = TypeVar("Result")
 
-# ---- One call of foreign code, within a limit of time ----
-
 
 class _NoAnswerError(BaseException):
     """Time is up; no Exception, so that foreign code does not catch it in passing."""
@@ -141,10 +139,20 @@ def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:
 # ---- A mechanism or record effect whose answers are checked ----
 
 
-_METHODS = {
-    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
-    *("variants", "components", "perturb", "shapes"),
-}
+_METHODS = set(
+    [
+        "parameters",
+        "terms",
+        "knots",
+        "derived",
+        "tolerance",
+        "of_each_flight",
+        "variants",
+        "components",
+        "perturb",
+        "shapes",
+    ]
+)
 
 
 class Checked:
@@ -249,19 +257,13 @@ def _flaw(column: Any, shape: tuple[int, ...]) -> str:
 
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
-    views: dict[str, Any] = {each.name: _fixed(getattr(data, each.name)) for each in fields(data)}
+    held = {each.name: getattr(data, each.name) for each in fields(data)}
+    views: dict[str, Any] = {name: each.view() for name, each in held.items() if isinstance(each, np.ndarray)}
+    for view in views.values():
+        view.flags.writeable = False
     if isinstance(data, Motion) and data.history is not None and not isinstance(data.history, partial):
         views["history"] = partial(_past, data.history)
     return replace(data, **views)
-
-
-def _fixed(values: Any) -> Any:
-    """The same array, not to be written to; anything else as it is."""
-    if not isinstance(values, np.ndarray):
-        return values
-    found = values.view()
-    found.flags.writeable = False
-    return found
 
 
 def _past(past: Callable[[float], Motion], tau: float) -> Motion:

@@ -115,9 +115,6 @@ def _check(item: Any, plugin: str, package: str) -> None:
             raise fault(name, package, str(broken), unchecked(item).__class__) from None
 
 
-# ---- Finds the installed plugins, each on its own, and looks their mechanisms up by name ----
-
-
 _files: tuple[str, ...] = ()
 
 

@@ -220,9 +220,6 @@ def _net(row: RankedHypothesis, term: tuple[str, str], nothing: float) -> FloatA
     return np.array(steps).T
 
 
-# ---- A comparison as a document ----
-
-
 def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
@@ -237,6 +234,11 @@ def comparison_document(comparison: Comparison) -> Document:
         Section(f"Flight {k + 1}", [*chain(*flights[k].values()), *functions(k)], folded=True)
         for k in range(1, len(flights))
     ]
+    known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    if ranking:
+        seconds = comparison.seconds
+        notes.append(f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood")
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
@@ -256,7 +258,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ],
         blocks=(
             Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
-            Section("Notes", [_notes(comparison)], folded=True),
+            Section("Notes", [Texts(notes, "How the record was read", shown="verbose")], folded=True),
             Section("Air data and motion", first["motion"], folded=True),
             Section("Moments, measured and modelled", first["moments"]),
             Section("Measured channels", first["channels"], folded=True),
@@ -264,7 +266,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
-            Section("Errors of instruments and vehicle", _of_record(comparison)),
+            Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known), fits]),
             Section(
                 "Coefficients",
                 [
@@ -293,43 +295,25 @@ def _quality(comparison: Comparison) -> list[Block]:
     return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
 
 
-def _notes(comparison: Comparison) -> Texts:
-    """How the records were made ready, and how long it took."""
-    seconds = comparison.seconds
-    took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
-    notes = [note for flight in comparison.flights for note in flight.notes]
-    return Texts([*notes, *took], "How the record was read", shown="verbose")
-
-
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    title = "largest share of the moment's rms, %"
+    panels, title = charts.share_bars(shares, "third"), "largest share of the moment's rms, %"
     read = (
         "At 95 %: the most that the leader may make, and that any other could hide beside it; no sign that it is there."
     )
-    return [
-        _evidence(comparison),
-        _probability(comparison),
-        Chart("limits", "Upper limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts(comparison.disagreements, "Disagreements"),
-    ]
+    limits = Chart("limits", "Upper limits", title, panels, caption=read)
+    return [_evidence(comparison), _probability(comparison), limits, Texts(comparison.disagreements, "Disagreements")]
 
 
-def _of_record(comparison: Comparison) -> list[Block]:
-    """Errors over tolerances, and what the maximum likelihood says of its own fit."""
-    rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
+def _fit_texts(comparison: Comparison) -> list[str]:
+    """What the maximum likelihood says of its own fits, and notes on hypotheses."""
     said = []
-    for name, fit in rows:
-        if fit is not None:  # of one in trouble only that: the errors of the record that follow say nothing then
+    for row in comparison.ranking:
+        if (fit := row.ml) is not None:  # of one in trouble only that: errors of the record say nothing then
             message = fit.message.split(";")[0] if fit.trouble else fit.message
-            said.append(f"{name}: {fit.status}, {fit.iterations} iterations: {message}")
-    said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
-    return [
-        charts.errors_chart(comparison.record_errors),
-        tables.error_table(comparison.record_errors),
-        Texts(said, shown="verbose"),
-    ]
+            said.append(f"{hypothesis(row.mechanism)}: {fit.status}, {fit.iterations} iterations: {message}")
+    return said + [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
 
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
@@ -337,17 +321,12 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
     leads = row is comparison.ranking[0]  # its knots are on the first screen
     groups = comparison.collinear_groups if leads else ()
+    values, changes = f"Net values of {name}", f"{name}: jumps and ramps, to be read together"
+    net = [value for each in row.intervals for value in each.values]
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
-        tables.term_table(
-            f"Net values of {name}",
-            [v for each in row.intervals for v in each.values],
-            "verbose" if leads else "page",
-            row.knots,
-        ),
-        tables.term_table(
-            f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
-        ),
+        tables.term_table(values, net, "verbose" if leads else "page", row.knots),
+        tables.term_table(changes, row.terms, knots=row.knots, collinear=groups),
         *([] if leads else [tables.knot_table(comparison, row)]),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

@@ -208,12 +208,11 @@ def _shapes(chart: Chart) -> list[dict[str, Any]]:
 def _annotations(chart: Chart) -> list[dict[str, Any]]:
     """Names above the frame: of spans in their middle, of marks from their line on."""
     above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
-    spans = [(0.5 * (s.start + s.stop), s.name) for s in chart.spans if s.name]
-    return [
-        *({**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
-          for mark, line in named(chart.marks)),
-        *({**above, "x": at, "text": name} for at, name in spans),
-    ]  # fmt: skip
+    marks = [
+        {**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
+        for mark, line in named(chart.marks)
+    ]
+    return marks + [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
 
 
 def chart_height(chart: Chart) -> int:

@@ -19,10 +19,7 @@ from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.simulation.config import PlantedConfig
 
-# ---- An inspected record ----
-
 NOTES = 5  # notes on how the record was made that the terminal shows; all of them with -v
-_WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
 
 
 def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]:
@@ -49,13 +46,14 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         f"{vehicle.reference_length:.4g} m, area {vehicle.reference_area:.4g} m², accelerometers at ({position}) m"
     )
     title = "Faults" if trial.sound else "Faults: the record contradicts itself"
+    what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
         Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
-        Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
+        Texts(("" if trial.sound else f"\n{what_then}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
         Texts(inspection.warnings, "Warnings", warning=True),
@@ -100,8 +98,6 @@ def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any
     """The same as data for JSON."""
     return {"schema": "brv-hypo/inspect/1", **asdict(inspection), "record": asdict(trial)}
 
-
-# ---- The installed mechanisms and their conformance ----
 
 KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""

@@ -19,9 +19,6 @@ _CONFUSION = "Rows: what was planted; columns: what ranks first. right: it ranks
 _LIMITS = "Effects that are named in 50 and 90 % of flights, in % of the moment's rms while they last."
 
 
-# ---- Tables ----
-
-
 def counted(value: Share) -> str:
     """A share with its counts and its 95 % interval, as a sentence has them."""
     interval = f" (95 %: {100 * value.low:.0f} to {100 * value.high:.0f} %)" if value.value is not None else ""

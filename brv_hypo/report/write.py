@@ -58,8 +58,6 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     return tuple(wanted)
 
 
-# ---- From Python: any result as a page, its charts as picture files, or one of them as a figure ----
-
 PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
 """The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
