@@ -1,7 +1,6 @@
 """Calls of plugins with checked answers: each ends in its answer or in a MechanismError that names the plugin.
 
-Entrances: `answer`, `checked`, and `without_faulty`, whose results are those of a run in which the plugins that broke
-the contract were never installed.
+Entrances: `answer`, `checked`, and `without_faulty`, in whose results no plugin that broke the contract has a part.
 """
 
 from __future__ import annotations
@@ -139,20 +138,10 @@ def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:
 # ---- A mechanism or record effect whose answers are checked ----
 
 
-_METHODS = set(
-    [
-        "parameters",
-        "terms",
-        "knots",
-        "derived",
-        "tolerance",
-        "of_each_flight",
-        "variants",
-        "components",
-        "perturb",
-        "shapes",
-    ]
-)
+_METHODS = {
+    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
+    *("variants", "components", "perturb", "shapes"),
+}
 
 
 class Checked:

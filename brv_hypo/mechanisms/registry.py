@@ -4,9 +4,8 @@ A plugin is a module (entry point or .py file) with the hooks of contract.py, or
 Each is loaded and checked on its own: an installed one that breaks the contract is left out with a reason that names
 its package, file and line, and changes nothing else; a file that was asked for and breaks it is refused.
 
-Nuisances, record effects and mechanisms with a tolerance, and processes are in every hypothesis: those of this
+Nuisances (record effects, and mechanisms with a tolerance) and processes are in every hypothesis: those of this
 distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).
-What is installed and not asked for changes no result.
 """
 
 from __future__ import annotations
@@ -195,14 +194,11 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
     return tuple(item for item in items if isinstance(item, Mechanism) and item.kind == kind)
 
 
-ALL_INSTALLED = "installed"  # what stands among names of mechanisms for every one that is installed
-
-
 def compared(names: Sequence[str]) -> list[str]:
     """The names, with `installed` replaced; where there are none, the mechanisms of this distribution and of files."""
     known = [item.name for item in mechanisms()]
-    own = [name for name in known if (package := installed()[name].package) == OWN or package in _files]
-    return [each for name in names for each in (known if name == ALL_INSTALLED else [name])] or own
+    own = [name for name in known if installed()[name].package in (OWN, *_files)]
+    return [each for name in names for each in (known if name == "installed" else [name])] or own
 
 
 def record_effects() -> tuple[RecordEffect, ...]:
@@ -314,11 +310,8 @@ def moment_processes() -> tuple[MomentProcess, ...]:
 def _nuisances() -> list[Item]:
     """All of which a tolerance may be known: of this distribution, or asked for."""
     names, faulty = _requested.get()
-    return [
-        entry.item
-        for name, entry in installed().items()
-        if (entry.package == OWN or entry.package in _files or name in names) and name not in faulty
-    ]
+    asked_for = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
+    return [entry.item for name, entry in installed().items() if name in asked_for - faulty]
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
@@ -336,10 +329,6 @@ def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
 
 def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
     """The record with what is known of nuisance effects' components (SI) taken out; other names are passed over."""
-    changed = (
-        effect.perturb(flight, component.name, -errors[effect.name, component.name])
-        for effect in nuisance_effects()
-        for component in effect.components(flight)
-        if (effect.name, component.name) in errors
-    )
-    return superposed(flight, changed)
+    known = ((effect, each.name) for effect in nuisance_effects() for each in effect.components(flight))
+    held = [(effect, name, errors[effect.name, name]) for effect, name in known if (effect.name, name) in errors]
+    return superposed(flight, (effect.perturb(flight, name, -value) for effect, name, value in held))
