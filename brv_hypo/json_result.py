@@ -59,10 +59,7 @@ class Result(NullIsNaN, Tabular):
 
     @classmethod
     def from_json(cls, source: str | Path) -> Self:
-        """The result that `to_json`, or a command with `--json`, wrote: its text, or the path of the file.
-
-        Raises UsageError where it is not one.
-        """
+        """The result in the text that `to_json` or `--json` wrote, or in a file of it; UsageError where it is none."""
         try:
             if isinstance(source, str) and source.lstrip().startswith("{"):
                 return cls.model_validate_json(source)

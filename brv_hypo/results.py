@@ -79,10 +79,7 @@ class Tabular:
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """The rows as a labelled data set with units, over the dimension "row" or the data frame's index.
-
-        Raises UsageError where xarray is not installed.
-        """
+        """The rows as a labelled data set with units, over "row" or the frame's index; UsageError without xarray."""
         _needed("xarray", "to_xarray()", "xarray")
         frame = self.to_dataframe()
         data = frame.to_xarray() if frame.index.name else frame.rename_axis("row").to_xarray().drop_vars("row")

@@ -37,10 +37,7 @@ DURATION, SAMPLE_RATE = 4.0, 100.0
 
 
 def check_mechanism(mechanism: Mechanism | RecordEffect) -> None:
-    """Every check of the conformance kit. Raises Nonconformity with what was found and what is expected.
-
-    The mechanism need not be installed.
-    """
+    """Every check of the conformance kit on a mechanism, installed or not; raises Nonconformity with what was found."""
     for check in checks_of(mechanism):
         check(mechanism)
 
@@ -71,10 +68,7 @@ def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Co
 
 
 def plant_effect(effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1) -> Flight:
-    """A short flight with nothing planted, whose record then has `value` (SI) of that component of the effect more.
-
-    Raises UsageError where there is no such effect or component.
-    """
+    """A short flight with nothing planted, whose record has `value` (SI) of that component more, or UsageError."""
     item = find_installed(effect)
     if not isinstance(item, RecordEffect):
         raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")

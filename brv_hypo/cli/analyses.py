@@ -168,10 +168,7 @@ def trace(
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
-    """The model in a file of `trace`, errors of the record included; of a comparison's JSON the hypothesis that leads.
-
-    Raises UsageError where the file is neither.
-    """
+    """The model in a file of `trace`, or the hypothesis that leads in a comparison's JSON; UsageError for neither."""
     from brv_hypo.model.model import read_structure
 
     known = read_mapping(path, "what `compare --json` or `trace --json` wrote")

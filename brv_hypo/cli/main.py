@@ -78,12 +78,9 @@ NAME_OF_PLUGIN = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
-    """A plugin package for the mechanism `name`, written whole or not at all to a new directory in `parent`.
+    """A plugin package for the mechanism, or with `effect` the record effect, `name`, in a new directory in `parent`.
 
-    With `effect` it is an effect on the record instead.
-
-    Returns the directory, `brv-hypo-<name>`. Raises UsageError where the name cannot be one, or the
-    directory exists or cannot be written.
+    Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
     if not NAME_OF_PLUGIN.fullmatch(name) or keyword.iskeyword(name) or name == "none":
         raise UsageError(

@@ -158,10 +158,7 @@ P = ParamSpec("P")
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
-    """The command, with its refusals and faults turned into messages on standard error and exit codes.
-
-    Wrong usage of options never gets here: typer itself ends it with code 2.
-    """
+    """The command, with refusals and faults as messages on standard error and exit codes; typer ends wrong options."""
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -336,10 +333,8 @@ class Session:
         return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
-        """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
-
-        Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
-        hold HDF5 and has a name that says otherwise.
+        """Refuse now by UsageError what could not be written later: `files` (`hdf5`: by their names too), the report, JSON
+        file and picture files that exist without `--force`, or whose place cannot be written to.
         """
         if self.json_only and "stdout" in _closed:
             raise UsageError("--json - writes to standard output, which is closed (>&-). Open it, or name a file.")
@@ -362,10 +357,7 @@ class Session:
                 check_target(picture, overwrite=self.force)
 
     def show(self, *parts: Any, conclusion: str = "") -> None:
-        """Print documents, their blocks, or what rich renders; with -q the conclusion alone.
-
-        Nothing where standard output belongs to JSON.
-        """
+        """Print documents, blocks, or what rich renders; with -q the conclusion; nothing where JSON has the output."""
         if self.json_only or (self.quiet and not conclusion):
             return
         from brv_hypo.report.document import Document, Table, Texts
@@ -422,9 +414,7 @@ class Session:
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
     def progress(self, title: str, seconds: float = 0.0, unless: str = "") -> AbstractContextManager[Report]:
-        """What long work reports to: shown on standard error, never with -q; before it, how long it takes if long, and
-        when it does not.
-        """
+        """What long work reports to, on standard error, never with -q; how long it takes if long, and `unless` what."""
         if seconds > LONG_SECONDS and not self.quiet:
             length = f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
             self.warn(f"{title} takes about {length}{unless}")
@@ -441,10 +431,7 @@ def left_out() -> tuple[str, ...]:
 
 
 def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
-    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null.
-
-    `warnings` are added to those that it holds.
-    """
+    """JSON text of a result, NaN and infinity as null, arrays as lists; `warnings` are added to those that it holds."""
     from pydantic_core import to_json
 
     text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
@@ -461,7 +448,7 @@ ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
 
 
 def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command: give it its session as first argument, and the command line the session's options.
+    """Make a function a command: its session is its first argument, and the command line has the session's options.
 
     `options` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
     are named on standard error, however quiet the command is to be.

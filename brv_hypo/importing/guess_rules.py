@@ -69,14 +69,10 @@ def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]
     # A struct that holds all columns of a MATLAB file is no part of their names.
     struct = len(f"{structs.pop()}.") if len(structs) == 1 and structs != {""} else 0
     for column in columns:
-        found = _channel_of(_words(column[struct:]))
-        if found is not None:
+        if found := _channel_of(_words(column[struct:])):
             ranked.setdefault(found[0], []).append((found[1], column))
-    likeliest = {channel: sorted(named, key=lambda entry: entry[0]) for channel, named in ranked.items()}
-    return (
-        {channel: named[0][1] for channel, named in likeliest.items()},
-        {channel: [column for _, column in named[1:]] for channel, named in likeliest.items()},
-    )
+    likeliest = {channel: [c for _, c in sorted(each, key=lambda entry: entry[0])] for channel, each in ranked.items()}
+    return {channel: each[0] for channel, each in likeliest.items()}, {c: each[1:] for c, each in likeliest.items()}
 
 
 def units_in(column: str, dimension: Dimension | None) -> str | None:
@@ -116,25 +112,21 @@ def _words(column: str) -> list[str]:
 
 def _parts(name: str) -> list[str]:
     """The words of a name in lower case, whatever their capitals."""
-    return [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
+    return re.findall(r"[a-z0-9]+", name.lower())
 
 
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
     """The channel that words stand for, and how far down the list of its names; None for none."""
-    held = set(words)
-    for channel, names in _WORDS.items() if words else ():
-        for rank, needed in enumerate(names):
-            alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not _of_another(words))
-            if alone and held.issuperset(needed) and not _axis_of(words):
-                return channel, rank
     triad = _axis_of(words)
-    return (triad, 0) if triad else None
-
-
-def _of_another(words: Sequence[str]) -> bool:
-    """Whether a name that begins with one letter goes on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF."""
+    # A name that begins with one letter may go on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF.
     others = ("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")
-    return any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
+    of_another = any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
+    for channel, names in _WORDS.items() if words and not triad else ():
+        for rank, needed in enumerate(names):
+            alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not of_another)
+            if alone and {*words} >= {*needed}:
+                return channel, rank
+    return (triad, 0) if triad else None
 
 
 def _axis_of(words: Sequence[str]) -> str | None:

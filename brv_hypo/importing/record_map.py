@@ -291,9 +291,6 @@ def instruments_of(
     return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
 
 
-# ---- The flight that is made of a foreign record ----
-
-
 @dataclass(frozen=True)
 class Imported:
     """A foreign record: the flight that was made of it, and the phases that it holds."""
@@ -442,10 +439,7 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
 
 
 def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
-    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
-
-    Raises UsageError where nothing shows the nose.
-    """
+    """Turn gyros and accelerometers in `channels`, noting it and an estimate's error in `tolerances`; or UsageError."""
     missing = [name for name in INERTIAL_CHANNELS if name not in channels]
     if missing or (rotation == "auto" and tilt is None):
         lacks = f"the map has no channel {missing[0]}" if missing else "no thrust, nor a spinning coast, shows x"

@@ -367,10 +367,7 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
 
 
 def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, ...]]:
-    """The record at `rate` Hz, itself where it has hardly more samples than that; the faults that were masked before.
-
-    Faults are masked and spikes replaced before the filter, which would spread them.
-    """
+    """The record at `rate` Hz, or itself if that gains little; the faults, masked before the filter spreads them."""
     stamps, masked, faults = mask_faults(record.time, record.channels)
     clean, _, spike_notes = despiked(stamps, masked)
     notes = [*(f"{one.channel}: {one.fault}, {one.action}" for one in faults), *spike_notes]

@@ -64,10 +64,7 @@ def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = U
 
 
 def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
-    """The text of a regular UTF-8 file of at most `most_bytes`; `expected` says what it should hold.
-
-    Raises UsageError where it is not one, is larger, or cannot be read.
-    """
+    """The text of a UTF-8 file of at most `most_bytes`, with what is `expected` in it; UsageError where it is none."""
     check_regular(path, expected)
     try:
         with open(path, "rb") as stream:
@@ -136,10 +133,7 @@ def check_place(path: str | Path, folder: Path) -> None:
 
 
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = True) -> None:
-    """Write the file whole or not at all; a link is followed, and what it leads to replaced.
-
-    Raises UsageError where the target must not be replaced, or cannot be written.
-    """
+    """Write the file whole or not at all; a link is followed. Raises UsageError where it must not or cannot be."""
     check_target(path, overwrite=overwrite)
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
@@ -162,10 +156,7 @@ def make_folder(path: str | Path) -> Path:
 
 @contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """A new folder to fill, at `path` when the block ends well and nowhere when it does not.
-
-    Raises UsageError where something stands at `path`, or it cannot be written.
-    """
+    """A new folder to fill, at `path` when the block ends well, else nowhere; UsageError where something is there."""
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
         if kind_of(path) is not None:  # checked here, so that what a dead process left beside it is removed first
@@ -189,10 +180,7 @@ def writable(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def _temporary(target: Path) -> Iterator[Path]:
-    """A path to write at, to be moved to `target`: in a folder beside it, which bears host and number of the process.
-
-    Removes what dead processes left there.
-    """
+    """A path to write at, in a folder beside `target` named by host and process; those of dead ones are removed."""
     host = socket.gethostname().replace(".", "-")  # process numbers mean nothing on another
     left = re.compile(rf"\..+\.{re.escape(host)}\.(\d+)\.\w+{re.escape(SUFFIX)}")
     with suppress(OSError):
@@ -239,10 +227,7 @@ def config_names(folder: str = "") -> tuple[str, ...]:
 
 
 def config_path(name: str | Path, folder: str = "") -> Path:
-    """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
-
-    Raises UsageError with the nearest names.
-    """
+    """The file of a configuration, by path or by one of `config_names`; raises UsageError with the nearest names."""
     if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
         return Path(name)
     for home in _HOMES:

@@ -47,8 +47,7 @@ def answer(
 ) -> Result:
     """What foreign code answers to `call(*arguments)` within ANSWER_SECONDS; `problem` says what is wrong with it.
 
-    Raises MechanismError that names the plugin's package, file and line, whatever it raises, sys.exit and os._exit
-    included.
+    Raises MechanismError with the plugin's package, file and line, whatever it raises, sys.exit and os._exit included.
     """
     try:
         with np.errstate(), _within(ANSWER_SECONDS), _exit_refused():

@@ -63,10 +63,7 @@ FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "ac
 
 
 def current_name(name: str) -> str:
-    """The name of a term as files have it today: the static moment's coefficients were once C_N0, C_Nalpha, C_Nalpha3.
-
-    Models written before are read by this; no term may have one of the three names any more.
-    """
+    """Today's name of a term: older files call the static moment's coefficients C_N0, C_Nalpha, C_Nalpha3."""
     return re.sub(r"\bC_N(0|alpha3?)\b", r"C_m\1", name)
 
 
@@ -193,10 +190,7 @@ class Mechanism(BaseModel, ABC):
         return None
 
     def of_each_flight(self, flight: Flight) -> bool:
-        """Whether each of several flights has coefficients of its own, as a c.g. offset has; else all share them.
-
-        What changes at times of the record is of its flight in any case.
-        """
+        """Whether each of several flights has coefficients of its own, as of a c.g. offset; what is timed has."""
         return self.tolerance(flight) is not None
 
 

@@ -48,10 +48,7 @@ Found = tuple[list[Item], list[str]]
 
 
 def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
-    """The items of the plugin that `load` imports, and what is wrong with those that break their contract.
-
-    Raises MechanismError where the plugin as a whole cannot be used.
-    """
+    """The items of the plugin that `load` imports, and what is wrong with others; MechanismError for the whole."""
     plugin = answer(name, package, load)
     hooks = [hook for hook in HOOKS if callable(getattr(plugin, hook, None))]
     if not hooks:
@@ -73,10 +70,7 @@ def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
 
 
 def load_file(path: str) -> Found:
-    """The items of one .py file, or the mechanism of one .yaml file.
-
-    Raises UsageError where the file is neither or a .yaml file is wrong, MechanismError where the code is.
-    """
+    """The items of a .py file, or the mechanism of a .yaml file; UsageError where it is neither, MechanismError."""
     check_regular(path, "a plugin (.py) or a mechanism (.yaml)")
     file = Path(path)
     if is_mechanism_file(path):
@@ -127,10 +121,7 @@ class Installed:
 
 
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
-    """Load these .py and .yaml files beside what is installed, instead of those of an earlier call.
-
-    They are read when mechanisms are first asked for; MechanismError then where one of them breaks the contract.
-    """
+    """Load these .py and .yaml files beside what is installed, instead of an earlier call's, when first needed."""
     global _files
     _files = tuple(str(Path(path).absolute()) for path in paths)
     _loaded.cache_clear()
@@ -208,10 +199,7 @@ def record_effects() -> tuple[RecordEffect, ...]:
 
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
-    """The mechanism of that name, or of a mechanism file, with options set.
-
-    Raises UsageError with the nearest names, or with what is wrong in the file.
-    """
+    """The mechanism of that name or file, with options; raises UsageError with the nearest names, or what is wrong."""
     item = _found(name, [key for key, entry in installed().items() if isinstance(entry.item, Mechanism)])
     assert isinstance(item, Mechanism)
     if not options or is_mechanism_file(name):
@@ -230,10 +218,7 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:
-    """The mechanism or record effect of that name, or of a mechanism file.
-
-    Raises UsageError with the nearest names, or with what is wrong in the file.
-    """
+    """The mechanism or record effect of that name or file; raises UsageError as `find` does."""
     return _found(name, list(installed()))
 
 

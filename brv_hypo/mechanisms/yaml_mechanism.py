@@ -187,10 +187,7 @@ def is_mechanism_file(name: str) -> bool:
 
 
 def read_mechanism(path: str | Path) -> YamlMechanism:
-    """The mechanism of a YAML file.
-
-    Raises UsageError that says what is wrong and where.
-    """
+    """The mechanism of a YAML file; raises UsageError that says what is wrong and where."""
     try:
         return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:

@@ -117,10 +117,7 @@ class TableIncrements(_OfTable):
 
 
 def read_aero_table(path: str | Path) -> AeroTable:
-    """The table in a CSV file; see the module's description.
-
-    Raises UsageError that says what is wrong and where.
-    """
+    """The table in a CSV file (see above); raises UsageError that says what is wrong and where."""
     import pandas as pd
 
     text = io.StringIO(read_text(path, _EXPECTED, _CSV_BYTES))

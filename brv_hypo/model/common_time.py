@@ -57,10 +57,7 @@ class OwnTime:
 
 @dataclass(frozen=True)
 class CommonTime:
-    """The flights' own times, by flight; common time is that of flight `reference` (from 0).
-
-    `late`: see `aligned`; None where flights share their Mach numbers.
-    """
+    """The flights' own times; common time is that of flight `reference` (from 0), and `late` is as of `aligned`."""
 
     flights: tuple[OwnTime, ...]
     reference: int

@@ -367,10 +367,7 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
 
 
 def read_model(path: Path) -> SavedModel:
-    """The model in a file, with its coefficients.
-
-    Raises UsageError where the file holds none, or one without coefficients.
-    """
+    """The model in a file; raises UsageError where it holds none, or one without coefficients."""
     model = read_structure(path)
     if not model.columns or any(column.value is None for column in model.columns):
         raise UsageError(

@@ -117,10 +117,7 @@ def default_knots(start: float, stop: float, count: int) -> FloatArray:
 
 
 def theta_grid(mechanism: Mechanism, *, dense: bool = False) -> tuple[Theta, ...]:
-    """Every point of the grid of nonlinear parameters; one empty point where there is none.
-
-    `dense` adds the geometric mean of neighbouring positive values.
-    """
+    """Every point of the grid of nonlinear parameters, or the one empty point; `dense`: geometric means between too."""
     points: list[dict[str, float]] = [{}]
     for parameter in mechanism.parameters():
         grid = np.asarray(parameter.grid, dtype=float)

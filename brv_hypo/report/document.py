@@ -161,9 +161,7 @@ class Chart:
 
 
 def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
-    """Marks with a name, from left to right, each with the line above the frame on which its name stands: in turn the
-    lowest and the next, so that neighbours do not hide each other.
-    """
+    """Marks with a name, from left to right, each with the line above the frame of its name: neighbours' alternate."""
     shown = sorted((mark for mark in marks if mark.name), key=lambda mark: mark.at)
     return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
 

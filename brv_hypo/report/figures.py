@@ -59,9 +59,7 @@ class ChartFigure(Figure):
 
 
 def chart_figure(chart: Chart) -> ChartFigure:
-    """The chart with title and caption, in the colours and the width of a paper's page; `.axes` are its panels, to add
-    to or to change.
-    """
+    """The chart with title and caption, in a paper's colours and width; `.axes` are its panels, to be changed."""
     height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
     if chart.path is not None:
         height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns

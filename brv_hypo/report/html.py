@@ -229,10 +229,7 @@ def _bits(values: FloatArray) -> dict[str, str]:
 
 
 def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> dict[str, str]:
-    """Each record with its SHA-256, the settings that differ from the defaults, and the command, by name.
-
-    A record that is no file any more has no digest.
-    """
+    """Each record that is a file with its SHA-256, settings that differ from the defaults, and the command, by name."""
     paths = [path for path in dict.fromkeys(Path(path) for path in records if str(path)) if path.is_file()]
     found = {f"record {path}": f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths}
     if settings is not None:

@@ -123,9 +123,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
 
 
 def planted_names(item: Item) -> tuple[str, ...]:
-    """What a simulation plants of it, with units: `terms` and `theta` of a mechanism, components of
-    `instruments.errors`; of a process the first and the last spline.
-    """
+    """What a simulation plants of it, with units: `terms` and `theta`, or components; of a process the ends."""
     if isinstance(item, Mechanism):
         terms = item.terms(sample_motion(uniform_time()), dict(theta_grid(item)[0]))
         names = [(term.name, term.units) for term in terms]
@@ -178,9 +176,7 @@ def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
-    """What was flown; what was planted, how large, and how much of the moment that is; `verbose` adds the size of each
-    error of record and vehicle.
-    """
+    """What was flown and planted, and how large that is; `verbose` adds each error of record and vehicle."""
     flight, config = flown.flight, flown.config
     inside, outside = flown.truth.planted_share
     planted = ", ".join(flown.truth.planted) or "nothing"

@@ -67,9 +67,7 @@ def calibration_blocks(calibration: Calibration) -> list[Block]:
 
 
 def detection_table(summary: StudySummary) -> Table:
-    """One row for each planted mechanism and vehicle, and for all of several vehicles: the effects flown, and those
-    won in 50 % and 90 %.
-    """
+    """One row for each planted mechanism and vehicle, and for all of several: effects flown, and those mostly won."""
     several = len({limit.vehicle for limit in summary.detection} - {None}) > 1
     rows = [
         {

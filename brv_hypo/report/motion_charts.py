@@ -156,9 +156,7 @@ def moment_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     caption: str = "",
 ) -> Chart:
-    """Models, the last one on top, over the measured moments within two standard deviations; or, where none are given,
-    their residual moments before such a band.
-    """
+    """Models, the last one on top, over measured moments within two standard deviations; else residuals by noise."""
     panels = _panels(titles, time, models, measured, sigma)
     cut = cut_text(panels)
     if measured is None:
@@ -299,9 +297,7 @@ def process_chart(
 
 
 def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Intervals to shade for faults; of single samples the first and the last; for what contradicts the record as a
-    whole, none.
-    """
+    """Intervals to shade for faults; of single samples the first and the last; for what is of the whole record none."""
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
@@ -313,9 +309,7 @@ def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, fl
 
 
 def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:
-    """Times inside the record at which a model's coefficients begin, change or end; of those that a chart cannot show
-    apart, the first.
-    """
+    """Times inside the record at which coefficients begin, change or end, as far as a chart shows them apart."""
     edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
     found: list[float] = []
     for edge in sorted(edge for edge in edges if start < edge < stop):

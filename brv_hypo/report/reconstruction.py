@@ -25,10 +25,7 @@ from brv_hypo.report.tables import motion_known
 
 
 def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
-    """Accelerometers, gyros, and pitch and yaw of the nose by integration of the rates, without any wind, over time.
-
-    As Figures 5.1 to 5.4 of the report have them.
-    """
+    """Accelerometers, gyros, pitch and yaw by integrated rates, without wind, as the report's Figures 5.1 to 5.4."""
     _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
     forward, right, down = attitude[:, :, 0].T  # of the nose
     nose = np.degrees([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])

@@ -167,10 +167,7 @@ def process_texts(comparison: Comparison) -> list[Texts]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, where it exceeds two standard errors, in time order; its knots; delays.
-
-    All of its net values where none exceeds that.
-    """
+    """What the leader does between its knots, in time order, beyond two standard errors if it can; knots; delays."""
     if not comparison.ranking:
         return []
     leader = comparison.ranking[0]
@@ -205,9 +202,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
 
 
 def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
-    """One row for each knot of a hypothesis, in time order: its time on every flight, its error, over how long it comes
-    on, its Mach number.
-    """
+    """One row for each knot of a hypothesis: its time on every flight, its error, how long it comes on, Mach number."""
     rows: list[dict[str, str]] = []
     found: list[tuple[DerivedEstimate, DerivedEstimate | None]] = []
     for each in row.derived:  # a width follows its knot
@@ -246,9 +241,7 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
 
 
 def limit_blocks(comparison: Comparison) -> list[Block]:
-    """How large each mechanism may be: of the moment's rms, as a moment coefficient and in N m, the smallest first; and
-    which are not known.
-    """
+    """How large each mechanism may be: of the moment's rms, as C_m and in N m, smallest first; which are not known."""
     verdict, scale = comparison.verdict, _moment_scale(comparison)
     known = [each for each in verdict.limits if np.isfinite(each.share_of_moment_95)]
     rows = [

@@ -41,8 +41,7 @@ def require_matplotlib(what: str = "--figures") -> None:
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
     """Every chart as `name.png` and `name.svg` in the folder, which is made where it is missing.
 
-    In names of files, what a file name cannot hold is a hyphen. Raises UsageError where a file exists and is not to be
-    overwritten, or matplotlib is missing.
+    A hyphen stands for what no file name can hold. Raises UsageError where a file exists and is not to be overwritten.
     """
     require_matplotlib()
     from brv_hypo.report.figures import chart_figure

@@ -43,10 +43,7 @@ def _of_a_real_body(vehicle: Vehicle) -> Vehicle:
 
 
 class AerodynamicsConfig(Section):
-    """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
-
-    The in-plane moment is C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3.
-    """
+    """Air-relative, per rad, rates times d / 2V (CONVENTIONS); in plane C_m0 + C_malpha alpha + C_malpha3 alpha^3."""
 
     C_A: float = 0.0  # axial force
     C_Nalpha_force: float = 0.0  # slope of the normal force, > 0: it opposes the crossflow
@@ -59,10 +56,7 @@ class AerodynamicsConfig(Section):
 
 
 class StartConfig(Section):
-    """The first instant, relative to the air.
-
-    A coning rate of the natural frequency is a circle, zero a plane oscillation.
-    """
+    """The first instant, relative to the air; coning at the natural frequency is a circle, at zero a plane motion."""
 
     time: float = 0.0  # s
     altitude: float  # above sea level, m
@@ -76,11 +70,7 @@ class StartConfig(Section):
 
 
 class EnvironmentConfig(Section):
-    """Earth, a sphere.
-
-    `gravity` m/s^2 at sea level falls with altitude. `constant_density` kg/m^3 replaces the standard atmosphere's
-    density (verification against closed forms).
-    """
+    """Earth, a sphere; `gravity` m/s^2 at sea level; `constant_density` kg/m^3 for verification by closed forms."""
 
     planet: Literal["earth"] = "earth"
     gravity: NotNegative = 9.80665

@@ -76,10 +76,7 @@ _SPACING = 50.0
 
 
 def standard_air(altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Density kg/m^3, speed of sound m/s and dynamic viscosity Pa s at `altitude` (m, any shape).
-
-    Within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them.
-    """
+    """Density kg/m^3, speed of sound m/s, viscosity Pa s at `altitude` (m), held beyond -5 and 81 km; ICAO to 1e-6."""
     values = _table()(np.minimum(np.maximum(altitude, LOWEST_ALTITUDE), HIGHEST_ALTITUDE))
     return np.exp(values[..., 0]), values[..., 1], values[..., 2]
 
@@ -93,10 +90,7 @@ def _table() -> CubicSpline:
 
 @dataclass(frozen=True)
 class WindProfile:
-    """A wind along the record: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on.
-
-    Straight between its samples, and held before the first and after the last.
-    """
+    """A wind: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on, straight between, held beyond."""
 
     begin: float
     spacing: float

@@ -173,9 +173,7 @@ PositiveSpan = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
 
 
 class InstrumentDraws(TolerancesConfig):
-    """What every record states of its instruments, in place of the vehicle's own; its errors are drawn from `factor`
-    times that, 0: none.
-    """
+    """What every record states of its instruments; their errors are drawn from `factor` times that (0: none)."""
 
     factor: NotNegative = 1.0
 
@@ -264,10 +262,7 @@ StudySettings = TypedDict("StudySettings", {  # noqa: UP013
 
 
 def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides: Any) -> StudyConfig:
-    """The study as it is, of a mapping, a YAML file or the name of one that comes along; `overrides` go over it.
-
-    Raises UsageError that names each wrong setting, what it holds and what is expected.
-    """
+    """The study of a mapping, a YAML file or a name that comes along, under `overrides`; or UsageError."""
     return settings_of(StudyConfig, config_path(source, HOME) if isinstance(source, str | Path) else source, overrides)
 
 

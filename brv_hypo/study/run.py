@@ -122,10 +122,7 @@ def effect_size(truth: Truth) -> tuple[float, float]:
 
 
 def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) -> Outcome:
-    """Simulate the flight and compare on it; what goes wrong is the outcome's reason.
-
-    `plugins`: the files that whatever process this is has to know; None where it knows them.
-    """
+    """Simulate the flight and compare on it; what goes wrong is the outcome's reason. `plugins`: files to know."""
     if plugins not in (None, plugin_files()):
         use_plugin_files(plugins)
     begun = time.perf_counter()

@@ -94,10 +94,7 @@ def false_alarms(outcomes: Sequence[Outcome]) -> Share:
 
 
 class CalibrationBin(Statistic):
-    """Flights whose largest probability lies in [low, high); the last bin holds its upper end.
-
-    `right`: what has it, something outside the list included, is what was planted.
-    """
+    """Flights whose largest probability lies in [low, high), at last its end too; `right`: what has it was planted."""
 
     low: float
     high: float

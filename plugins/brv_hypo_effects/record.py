@@ -205,10 +205,7 @@ class TimeSkew(RecordEffect):
 
 
 def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: float) -> FloatArray:
-    """The channel (n,) some samples later, each segment by itself.
-
-    What is left of a straight line between its ends, continued as an odd function, is periodic and smooth.
-    """
+    """The channel (n,) some samples later, by segments: a straight line, and the rest as an odd periodic function."""
     out = np.array(channel, dtype=float)
     for a, b in segments:
         place = np.arange(b - a) / max(b - a - 1, 1)
@@ -337,10 +334,10 @@ class Wind(RecordEffect):
 
 
 class WindStep(RecordEffect):
-    """A step of the wind across the track at `time` s (None: the middle of the record).
+    """A step of the wind across the track at `time` s (None: the middle of the record), known to `spread` s.
 
     No channel senses it: the velocity relative to the air turns while the inertial velocity does not.
-    A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
+    A step along the track is in the record's `velocity` already.
     """
 
     name, title, family = "wind_step", "step of the wind", "air"
