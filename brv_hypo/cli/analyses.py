@@ -33,11 +33,7 @@ if TYPE_CHECKING:
     from brv_hypo.model.model import SavedModel
 
 
-COMPARED, TRACED = 4.5, 15.0
-"""Seconds of a processor for one flight of few cycles, as measured on cones and capsules; a trace of which finds
-something.
-"""
-OF_NOISE = ", a third of that where the residual is noise"
+COMPARED, TRACED = 4.5, 15.0  # s of a processor for a flight of few cycles, on cones and capsules; if trace finds some
 SLOWING_CYCLES = 40.0  # of the transverse motion, which take as long again as the rest, as on Opportunity's record
 
 
@@ -89,10 +85,9 @@ def report_comparison(session: Session, comparison: Comparison, settings: Compar
 
     records = [flight.path for flight in comparison.flights]
     session.deliver(comparison_document(comparison), comparison, settings, records)
-    if session.quiet or session.json_only:
-        for warning in comparison.warnings:
-            if "is left out" in warning:
-                session.warn(warning)
+    for warning in comparison.warnings if session.quiet or session.json_only else ():
+        if "is left out" in warning:
+            session.warn(warning)
     if comparison.verdict.outcome == "record fault":
         raise typer.Exit(UnanswerableError.exit_code)
 
@@ -152,7 +147,8 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
     records = [session.load(path) for path in flights]
-    with session.progress("tracing", expected_seconds(records, TRACED), OF_NOISE) as progress:
+    unless = ", a third of that where the residual is noise"
+    with session.progress("tracing", expected_seconds(records, TRACED), unless) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])
     if model_file is not None:
@@ -219,9 +215,6 @@ def predict(
     session.deliver(prediction_document(result), result, settings, [flight, model])
 
 
-RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
-
-
 @in_session("json", "force", "plugin")
 def study(
     session: Session,
@@ -259,12 +252,12 @@ def study(
         raise KeyboardInterrupt(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     document = study_document(summary)
-    write_whole(output / RESULTS, results_csv(outcomes))
-    write_whole(output / SUMMARY, as_json(summary))
-    write_whole(output / REPORT, page(document, session.provenance(settings)))
+    write_whole(output / "results.csv", results_csv(outcomes))
+    write_whole(output / "summary.json", as_json(summary))
+    write_whole(output / "report.html", page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.draw.key}: {first.reason}")
     session.show(document, conclusion=document.conclusion)
-    session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
+    session.show(f"Wrote results.csv, summary.json and report.html to {output}.")
     session.write_json(summary)

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
 
 
-# ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
-
-
 @in_session("start", "stop", "json", "force")
 def inspect(session: Session, flight: FlightFile) -> None:
     """Show what a record holds, its faults, and what is usable."""
@@ -63,18 +60,18 @@ def import_(
     guess: Annotated[bool, Option("--guess", help="Write a commented map, from names and physics, instead.")] = False,
 ) -> None:
     """Bring a foreign record in by a map; --guess writes one."""
-    if guess == (mapping is not None):
+    if guess and mapping is None:
+        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
+    elif guess or mapping is None:
         raise UsageError(
             "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
         )
-    if guess:
-        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
     elif len(data) > 1:
         raise UsageError(
             f"import --map brings in one file, got {len(data)}: the map names the others under recorders and vehicle. "
             "Only --guess takes several."
         )
-    elif mapping is None or output is None:
+    elif output is None:
         raise UsageError("import --map needs the record to write: -o flight.h5.")
     else:
         _bring_in(session, data[0], mapping, output)
@@ -140,10 +137,6 @@ def reconstruct(
         session.show(f"Wrote {output}.")
 
 
-DEMO = "demo"
-DEFAULT_SEED = 1
-
-
 @in_session("json", "force", "plugin")
 def simulate(
     session: Session,
@@ -190,7 +183,7 @@ def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> 
     from brv_hypo.settings import settings_of
 
     settings = settings_of(CompareConfig, session.config, chosen(mechanisms))
-    flown = fly(session, DEMO, seed)
+    flown = fly(session, "demo", seed)
     session.show(*simulation_blocks(flown, verbose=session.verbose), "")
     with session.progress("comparing") as progress:
         comparison = compare([flown.flight], settings, progress=progress)
@@ -209,7 +202,7 @@ def fly(
     if chosen.instruments.silent:
         session.warn("no instrument has noise: a comparison of this record says nothing of a real one")
     with session.progress("simulating") as progress:
-        flown = simulated(chosen, seed=DEFAULT_SEED if seed is None else seed, progress=progress)
+        flown = simulated(chosen, seed=1 if seed is None else seed, progress=progress)
     truth, largest = flown.truth, math.radians(TUMBLING_ALPHA)
     if beyond := truth.time[truth.alpha > largest].tolist():
         session.warn(

@@ -67,14 +67,9 @@ def new_plugin(
     written = write_plugin(name, directory, effect=effect)
     part = "components and perturb" if effect else "the terms"
     session.show(
-        f"Wrote {written}. Next:\n"
-        f"  pip install -e '{written}[test]'\n"
-        f"  brv-hypo mechanisms check {name}\n"
+        f"Wrote {written}. Next:\n  pip install -e '{written}[test]'\n  brv-hypo mechanisms check {name}\n"
         f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
-
-
-NAME_OF_PLUGIN = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
@@ -82,36 +77,24 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
 
     Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
-    if not NAME_OF_PLUGIN.fullmatch(name) or keyword.iskeyword(name) or name == "none":
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name == "none":
         raise UsageError(
             f"'{name}' cannot name a mechanism: expected lower case letters, digits and _, a letter first, "
             "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
         )
-    words = name.replace("_", " ")
-    values = {
-        "name": name,
-        "module": f"brv_hypo_{name}",
-        "distribution": f"brv-hypo-{name.replace('_', '-')}",
-        "klass": "".join(word.capitalize() for word in words.split()),
-        "title": words,
-        "what": "record effect" if effect else "mechanism",
-        "topic": "effect" if effect else "mechanism",
-        "use": "brv-hypo trace flight.h5" if effect else f"brv-hypo compare flight.h5 --mechanisms {name},sticking",
-    }
-    kind = "effect" if effect else "module"
-    parts = {
-        "pyproject.toml": "pyproject.toml",
-        "README.md": "README.md",
-        f"{kind}.py": f"{values['module']}.py",
-        f"test_{kind}.py": f"tests/test_{values['module']}.py",
-    }
-    target = parent / values["distribution"]
-    with whole_folder(target) as folder:
-        for template, name in parts.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    words, module, distribution = name.replace("_", " "), f"brv_hypo_{name}", f"brv-hypo-{name.replace('_', '-')}"
+    kind, what, use = "module", "mechanism", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
+    if effect:
+        kind, what, use = "effect", "record effect", "brv-hypo trace flight.h5"
+    values = {"name": name, "module": module, "distribution": distribution, "title": words, "what": what, "use": use}
+    values |= {"klass": words.title().replace(" ", ""), "topic": what.split()[-1]}
+    parts = {f"{kind}.py": f"{module}.py", f"test_{kind}.py": f"tests/test_{module}.py"}
+    with whole_folder(parent / distribution) as folder:
+        (folder / "tests").mkdir()
+        for template in ("pyproject.toml", "README.md", *parts):
             text = (files("brv_hypo.mechanisms") / "template" / f"{template}.tmpl").read_text(encoding="utf-8")
-            (folder / name).write_text(Template(text).substitute(values), encoding="utf-8")
-    return target
+            (folder / parts.get(template, template)).write_text(Template(text).substitute(values), encoding="utf-8")
+    return parent / distribution
 
 
 @mechanisms_app.command("check")
@@ -244,22 +227,25 @@ def docs(
 
         known = {**topics(), REFERENCE: "Functions of the library"}
         listed = "\n".join(f"- `{name}`: {title}" for name, title in known.items())
-        contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
-        opened = "`brv-hypo docs --open` opens it as pages, with a gallery."
-        page = contents + opened if topic is None else reference() if topic == REFERENCE else text(topic)
+        page = (
+            f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+            "`brv-hypo docs --open` opens it as pages, with a gallery."
+        )
+        if topic is not None:
+            page = reference() if topic == REFERENCE else text(topic)
         session.show(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:
     from brv_hypo.docs import notebooks
 
-    targets = {folder / name: content for name, content in notebooks().items()}
-    for path in targets:
-        check_target(path, overwrite=session.force)
+    contents = notebooks()
+    for name in contents:
+        check_target(folder / name, overwrite=session.force)
     make_folder(folder)
-    for path, content in targets.items():
-        write_whole(path, content, overwrite=session.force)
-    session.show(f"Wrote {len(targets)} notebooks to {folder}.")
+    for name, content in contents.items():
+        write_whole(folder / name, content, overwrite=session.force)
+    session.show(f"Wrote {len(contents)} notebooks to {folder}.")
 
 
 def _as_pages(session: Session, topic: str | None, output: Path | None, show: bool) -> None:

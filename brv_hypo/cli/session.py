@@ -77,12 +77,9 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     written, raised = "", False
     for each in error.object[error.start : error.end]:
         before, raised = raised, unicodedata.decomposition(each).startswith("<super>")
-        near = unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
-        written += f"^{near}" if raised and not before else near
+        written += "^" if raised and not before else ""
+        written += unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
     return written, error.end
-
-
-# ---- Signals: what unwinds, and what ends at once ----
 
 
 GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
@@ -151,7 +148,6 @@ def _leave(code: int, word: str) -> None:
     os._exit(code)
 
 
-PROGRAM_FAULT = 70
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 P = ParamSpec("P")
@@ -183,12 +179,11 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
                 _end(reason, UsageError.exit_code)
-            where = "that -v prints"
             if kwargs.get("verbose"):
                 traceback.print_exc()
-                where = "above"
+            where = "above" if kwargs.get("verbose") else "that -v prints"
             message = f"{type(fault).__name__}: {fault}. Please report it, with the traceback {where}."
-            _end(f"brv-hypo: a fault of the program: {message}", PROGRAM_FAULT)
+            _end(f"brv-hypo: a fault of the program: {message}", BrvHypoError.exit_code)
 
     return run
 
@@ -277,7 +272,6 @@ AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a reco
 Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 
 
-STANDARD_OUTPUT = "-"
 LONG_SECONDS = 20.0  # what takes longer says so beforehand
 
 
@@ -285,9 +279,7 @@ LONG_SECONDS = 20.0  # what takes longer says so beforehand
 class Session:
     """How one command talks: what was asked of the common options."""
 
-    config: Annotated[
-        Path | None, Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
-    ] = None
+    config: Annotated[Path | None, Option("--config", metavar="FILE.yaml", help="Settings, over the defaults.")] = None
     start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
     stop: Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")] = None
     instruments: Annotated[
@@ -307,10 +299,7 @@ class Session:
         Path | None, Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
     ] = None
     figures: Annotated[
-        Path | None,
-        Option(
-            "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
-        ),
+        Path | None, Option("--figures", metavar="DIR", help="Write every figure as PNG and SVG; needs matplotlib.")
     ] = None
     quiet: Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")] = False
     verbose: Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")] = False
@@ -324,7 +313,7 @@ class Session:
     @property
     def json_only(self) -> bool:
         """True where standard output belongs to JSON."""
-        return self.json == STANDARD_OUTPUT
+        return self.json == "-"
 
     def load(self, path: Path) -> Flight:
         """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
@@ -333,8 +322,8 @@ class Session:
         return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
-        """Refuse now by UsageError what could not be written later: `files` (`hdf5`: by their names too), the report, JSON
-        file and picture files that exist without `--force`, or whose place cannot be written to.
+        """Refuse now, by UsageError, outputs that exist without `--force`, or whose place cannot be written to: `files`
+        (of `hdf5` by their names too), the report, the JSON file and picture files.
         """
         if self.json_only and "stdout" in _closed:
             raise UsageError("--json - writes to standard output, which is closed (>&-). Open it, or name a file.")
@@ -400,11 +389,8 @@ class Session:
             from brv_hypo.report.write import draw_into
 
             written = draw_into(self.figures, document.charts, overwrite=self.force)
-            self.show(
-                f"Wrote {len(written)} files to {self.figures}."
-                if written
-                else "The result has no charts: no picture files were written."
-            )
+            none = "The result has no charts: no picture files were written."
+            self.show(f"Wrote {len(written)} files to {self.figures}." if written else none)
 
     @staticmethod
     def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> dict[str, str]:
@@ -423,11 +409,8 @@ class Session:
 
 def left_out() -> tuple[str, ...]:
     """Why plugins were left out, where any were loaded."""
-    if "brv_hypo.mechanisms" not in sys.modules:
-        return ()
-    from brv_hypo.mechanisms import left_out as reasons
-
-    return reasons()
+    mechanisms: Any = sys.modules.get("brv_hypo.mechanisms")
+    return () if mechanisms is None else (*mechanisms.left_out(),)
 
 
 def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
