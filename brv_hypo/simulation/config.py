@@ -236,9 +236,6 @@ SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
 """The fields of `SimulationConfig` as keywords; parts are models or mappings."""
 
 
-# ---- Configurations from files and mappings, with refusals that say what to write instead ----
-
-
 ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
 
 

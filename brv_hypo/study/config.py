@@ -59,9 +59,8 @@ class PlantedFault:
 def planted_faults() -> Mapping[str, PlantedFault]:
     """Every fault of the study, by its name."""
     found = [PlantedFault(f"sign of {n}", (n,), "sign", _scaled((n,), -1.0)) for n in INERTIAL_CHANNELS]
-    found += [
-        PlantedFault(f"{a} and {b} exchanged", (a, b), "axes", _swapped(a, b)) for a, b in (("q", "r"), ("ay", "az"))
-    ]
+    pairs = (("q", "r"), ("ay", "az"))
+    found += [PlantedFault(f"{' and '.join(pair)} exchanged", pair, "axes", _swapped(*pair)) for pair in pairs]
     for names, factor, large, small in (
         (GYROS, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
         (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
@@ -159,7 +158,6 @@ def _samples(record: Record, seconds: float) -> int:
 
 
 NONE = "none"
-HOME = "studies"
 
 
 def _in_order(span: tuple[float, float]) -> tuple[float, float]:
@@ -263,10 +261,8 @@ StudySettings = TypedDict("StudySettings", {  # noqa: UP013
 
 def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides: Any) -> StudyConfig:
     """The study of a mapping, a YAML file or a name that comes along, under `overrides`; or UsageError."""
-    return settings_of(StudyConfig, config_path(source, HOME) if isinstance(source, str | Path) else source, overrides)
-
-
-# ---- The flights of a study, each drawn from its own seed ----
+    file = config_path(source, "studies") if isinstance(source, str | Path) else source
+    return settings_of(StudyConfig, file, overrides)
 
 
 FAULTS = 1  # number of the stream that faults are drawn from
@@ -305,25 +301,15 @@ def draws(study: StudyConfig) -> tuple[Draw, ...]:
 def _draw(study: StudyConfig, vehicle: int, planted: int, repeat: int) -> Draw:
     ranges, seed = study.draws, [study.seed, vehicle, planted, repeat]
     random = np.random.default_rng(seed)
-
-    def factor(span: tuple[float, float]) -> float:
-        return float(np.exp(random.uniform(*np.log(span))))
-
-    return Draw(
-        vehicle=Path(study.vehicles[vehicle]).stem,
-        planted=study.planted[planted],
-        repeat=repeat,
-        seed=int(random.integers(2**31)),
-        size=factor(ranges.size),
-        delay=factor(ranges.delay),
-        onset_shift=float(random.uniform(*ranges.onset_shift)),
-        alpha=factor(ranges.alpha),
-        roll_rate=factor(ranges.roll_rate),
-        windward_meridian=float(random.uniform(*ranges.windward_meridian)),
-        gyro_noise=factor(ranges.gyro_noise),
-        # From a stream of its own: with faults or without, the flights are the same.
-        fault="" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS])),
-    )
+    known: dict[str, Any] = {"seed": int(random.integers(2**31))}
+    for name in ("size", "delay", "onset_shift", "alpha", "roll_rate", "windward_meridian", "gyro_noise"):
+        ends = getattr(ranges, name)
+        evenly = name in ("onset_shift", "windward_meridian")
+        known[name] = random.uniform(*ends) if evenly else np.exp(random.uniform(*np.log(ends)))
+    # From a stream of its own: with faults or without, the flights are the same.
+    fault = "" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS]))
+    known |= {"vehicle": Path(study.vehicles[vehicle]).stem, "planted": study.planted[planted], "repeat": repeat}
+    return Draw(**known, fault=fault)
 
 
 def corrupted(record: Record, draw: Draw) -> Record:
@@ -363,7 +349,7 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         "step": 1.0 / (rate * max(1, round(1.0 / (rate * config.step)))),
         "start": config.start.model_copy(update=start),
         "instruments": config.instruments.model_copy(update=instruments),
-        "mechanisms": tuple(resized(entry) for entry in config.mechanisms),
+        "mechanisms": tuple(map(resized, config.mechanisms)),
     }
     return config.model_copy(update=changes)
 

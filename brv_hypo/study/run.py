@@ -45,10 +45,7 @@ from brv_hypo.study.config import (
     read_study,
 )
 
-# ---- One flight: simulated, compared, noted ----
-
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
-
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
@@ -161,9 +158,6 @@ def _reason(error: Exception) -> str:
     return str(error) if isinstance(error, BrvHypoError) else f"fault, {type(error).__name__}: {error}"
 
 
-# ---- Outcomes on disk ----
-
-
 FLIGHTS = "flights.db"
 # The lock is taken once, and held until the database is closed.
 _BEGIN = """
@@ -241,24 +235,25 @@ def _refusals(path: Path) -> Iterator[None]:
     """Turn errors of the database into UsageError."""
     try:
         yield
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-            raise UsageError(f"{path} is in use by another process. Wait for it, or choose another folder.") from None
-        raise UsageError(f"{path} cannot be written: {error}. Free some room, or choose another folder.") from error
     except sqlite3.DatabaseError as error:
-        raise UsageError(
-            f"{path} is damaged: {error}. Remove it to fly the study anew, or choose another folder."
-        ) from error
+        found = f"is damaged: {error}. Remove it to fly the study anew"
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            found = "is in use by another process. Wait for it"
+        elif isinstance(error, sqlite3.OperationalError):
+            found = f"cannot be written: {error}. Free some room"
+        raise UsageError(f"{path} {found}, or choose another folder.") from error
 
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:
     """One row for each flight: what was drawn, the verdict, and every hypothesis's probability."""
     import pandas as pd
 
+    included = {"effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "reason"}
+    included |= {"alpha_sigma_rad", "phi_w_sigma_rad", "seconds"}
     rows = [
         {
             **outcome.draw.model_dump(),
-            **outcome.model_dump(include=_COLUMNS),
+            **outcome.model_dump(include=included),
             "equivalent": " ".join(outcome.equivalent),
             **{f"probability_{name}": value for name, value in outcome.probability.items()},
             **{f"information_{name}": value for name, value in outcome.information.items()},
@@ -266,12 +261,6 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
         for outcome in outcomes
     ]
     return pd.DataFrame(rows).to_csv(index=False)
-
-
-_COLUMNS = {
-    *("effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "reason"),
-    *("alpha_sigma_rad", "phi_w_sigma_rad", "seconds"),
-}
 
 
 # ---- Every flight of a study, in parallel ----
