@@ -49,8 +49,6 @@ def equal_values(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-# ---- What every result can do for a reader: a short repr, an HTML view, a data frame, charts ----
-
 MOST_ROWS = 60
 """Rows of an HTML view; a data frame has them all."""
 

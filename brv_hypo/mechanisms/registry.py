@@ -295,8 +295,8 @@ def moment_processes() -> tuple[MomentProcess, ...]:
 def _nuisances() -> list[Item]:
     """All of which a tolerance may be known: of this distribution, or asked for."""
     names, faulty = _requested.get()
-    asked_for = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
-    return [entry.item for name, entry in installed().items() if name in asked_for - faulty]
+    wanted = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
+    return [entry.item for name, entry in installed().items() if name in wanted - faulty]
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:

@@ -50,9 +50,6 @@ class TimeBasis:
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
 
 
-# ---- Regressors: which coefficient, of which mechanism, with which basis in time ----
-
-
 BASELINE = "baseline"
 Theta = tuple[tuple[str, float], ...]
 Choice = tuple[str, str | None, Theta, TimeBasis, int | None]

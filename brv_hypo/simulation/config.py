@@ -13,14 +13,11 @@ from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.io.files import config_path
 from brv_hypo.io.mappings import read_yaml
-from brv_hypo.io.text import meant, nearest
+from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.settings import problems_of
 from brv_hypo.thresholds import MINIMUM_SAMPLES
-
-# ---- What a simulated flight is: the schema of `configs/*.yaml`. SI and radians throughout ----
-
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -197,10 +194,10 @@ class SimulationConfig(Section):
     def _whole_steps_per_sample(self) -> SimulationConfig:
         ratio = 1.0 / (self.sample_rate * self.step)
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+            near = 1.0 / (self.sample_rate * max(1, round(ratio)))
             raise ValueError(
-                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps "
-                f"per sample, expected a whole number: try "
-                f"step {1.0 / (self.sample_rate * max(1, round(ratio))):.6g}"
+                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps per sample, "
+                f"expected a whole number: try step {near:.6g}"
             )
         return self
 
@@ -250,20 +247,19 @@ def load_config(
     if isinstance(source, SimulationConfig) and keywords:
         source = source.model_dump(exclude_unset=True)
     config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
-    unknown = [name for name in plant if name not in config.plantable]
-    if unknown:
-        raise UsageError(
-            f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
-            f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `plantable`."
-        )
+    for name in plant:
+        if name not in config.plantable:
+            raise UsageError(
+                f"'{name}' is not plantable in '{config.title}'; its `plantable` block holds "
+                f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `plantable`."
+            )
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 
 
 def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -> SimulationConfig:
     """`base: NAME` takes over another file's keys, where the mapping or file has none of its own."""
-    expected = "a simulation with `vehicle`, `start` ..."
-    origin = "simulation configuration"
+    expected, origin = "a simulation with `vehicle`, `start` ...", "simulation configuration"
     if not isinstance(source, Mapping):
         path = config_path(source)
         source, origin = read_yaml(path, expected), str(path)
@@ -282,10 +278,10 @@ def _over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """`own` over `base`, key by key in sections too, so that what is not named anew stays; an empty section empties."""
     merged = dict(base)
     for key, value in own.items():
-        below = merged.get(key)
-        merged[key] = (
-            _over(below, value) if value and isinstance(below, Mapping) and isinstance(value, Mapping) else value
-        )
+        below = base.get(key)
+        if value and isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = _over(below, value)
+        merged[key] = value
     return merged
 
 
@@ -293,12 +289,9 @@ def _hint(location: Sequence[str | int]) -> str:
     """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
     schema = SimulationConfig.model_json_schema()
     known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
-    leaf = str(location[-1])
-    near = nearest(leaf, known)
-    if near and near[0] != leaf:
-        return f"is '{near[0]}' meant?"
-    if location[0] != "instruments":
-        return ""
+    near = "" if location[-1] in known else meant(str(location[-1]), known, "")
+    if near or location[0] != "instruments":
+        return near
     effect = meant("_".join(map(str, location[1:])), [effect.name for effect in record_effects()], "", 0.7)
     return f"{effect} Errors are written under `instruments.errors`, by effect and component".strip()
 

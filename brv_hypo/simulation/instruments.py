@@ -114,9 +114,6 @@ def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list
     return [float(value) for value in factor * np.asarray(sizes) * draws.standard_normal(len(sizes))]
 
 
-# ---- What the instruments say of a flight: Appendix B of the report, with errata E10 and E11 ----
-
-
 _GAUGES = ("velocity", "dynamic_pressure", "altitude")
 # Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
 _STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}

@@ -78,27 +78,21 @@ class Trajectory:
             )
         inside = np.maximum(time, begin)
         left = min(max(int(np.searchsorted(self.nodes, inside[0], side="right")) - 1, 0), max(self._last - 1, 0))
-        state = self._interpolated(inside, left)
-        air = self.system.air_data(time, state)
-        motion = self.system.motion(time, state, air, self.meridians[left], self.past)
+        right = left + 1
+        step = self.nodes[right] - self.nodes[left]
+        s = (inside - self.nodes[left]) / step
+        s2, s3 = s * s, s * s * s
+        state = (
+            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
+            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
+            + (3.0 * s2 - 2.0 * s3) * self.states[right]
+            + (s3 - s2) * step * self.rates_before[right]
+        )
+        motion = self.system.motion(time, state, self.system.air_data(time, state), self.meridians[left], self.past)
         if np.all(time >= begin):
             return motion
         turned = motion.windward_meridian + (time - inside) * motion.windward_meridian_rate
         return replace(motion, windward_meridian=turned)
-
-    def _interpolated(self, time: FloatArray, left: int) -> FloatArray:
-        """State (13, 1) in the interval after a node."""
-        right = left + 1
-        step = self.nodes[right] - self.nodes[left]
-        s = (time - self.nodes[left]) / step
-        s2, s3 = s * s, s * s * s
-        return np.asarray(
-            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
-            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
-            + (3.0 * s2 - 2.0 * s3) * self.states[right]
-            + (s3 - s2) * step * self.rates_before[right],
-            dtype=float,
-        )
 
 
 # ---- Nodes, and the steps from one to the next ----
@@ -262,11 +256,8 @@ class SimulatedFlight(Histories):
     def columns(self) -> Mapping[str, Any]:
         """The channels of the flight (SI) with the true angles (rad) beside them."""
         true = {"true_alpha": self.truth.alpha, "true_windward_meridian": self.truth.windward_meridian}
-        time = self.flight.time
-        return {
-            **self.flight.columns(),
-            **{name: np.interp(time, self.truth.time, values) for name, values in true.items()},
-        }
+        known = {name: np.interp(self.flight.time, self.truth.time, values) for name, values in true.items()}
+        return {**self.flight.columns(), **known}
 
     def units(self) -> Mapping[str, str]:
         """SI units of the columns."""

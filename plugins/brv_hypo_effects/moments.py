@@ -86,9 +86,6 @@ class AftbodyLag(Aerodynamic):
         return (Term("C_malpha aftbody lag", in_plane, across, "1/rad"),)
 
 
-# ---- Static and damping moments that change with Mach or Reynolds number along the flight ----
-
-
 class Similar(Aerodynamic):
     """A coefficient that is a polynomial, without its constant, in a similarity parameter."""
 
@@ -162,9 +159,6 @@ class ReynoldsDamping(SimilarDamping):
     name, title = "reynolds_damping", "pitch damping that changes with Reynolds number"
     claims = "a moment against the transverse rates whose coefficient follows the log of the Reynolds number"
     parameter = "log10(Re/1e6)"
-
-
-# ---- Moments of a slight asymmetry of shape or mass, which keep their direction in the body ----
 
 
 class StiffnessAsymmetry(Aerodynamic):
