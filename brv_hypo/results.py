@@ -49,8 +49,7 @@ def equal_values(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-MOST_ROWS = 60
-"""Rows of an HTML view; a data frame has them all."""
+MOST_ROWS = 60  # of an HTML view; a data frame has them all
 
 Row = Mapping[str, Any]
 
@@ -163,13 +162,10 @@ class HasCharts:
         >>> flown.flight.plot("rates").axes[-1].get_xlabel()
         'time, s'
         """
-        found = next(iter(entry_points(group=RENDERERS)), None)
-        if found is None:
-            raise UsageError(
-                f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo."
-            )
-        figure: Figure = found.load()(self, chart)
-        return figure
+        for found in entry_points(group=RENDERERS):
+            figure: Figure = found.load()(self, chart)
+            return figure
+        raise UsageError(f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo.")
 
 
 _STYLE = (
@@ -182,13 +178,10 @@ _STYLE = (
 
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) + "</tr>"
-        for row in rows[:MOST_ROWS]
-    )
+    cells = ("".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) for row in rows[:MOST_ROWS])
+    table = f"<table>{''.join(f'<tr>{each}</tr>' for each in (head, *cells))}</table>"
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
     said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
-    table = f"<table><tr>{head}</tr>{body}</table>"
     return f'{_STYLE}<div class="brv-hypo"><p><b>{escape(headline)}</b></p>{said}{table}{more}</div>'
 
 

@@ -31,19 +31,16 @@ def settings_of(
 
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    where = "the settings"
-    content: Mapping[str, Any]
+    if isinstance(source, model) and not keywords:
+        return source
+    where, content = "the settings", dict[str, Any]()
     if isinstance(source, model):
-        if not keywords:
-            return source
         content = {name: getattr(source, name) for name in source.model_fields_set}
     elif isinstance(source, Mapping):
-        content = source
-    elif source is None:
-        content = {}
+        content = dict(source)
     elif isinstance(source, str | Path):
         content, where = read_yaml(source, "settings"), f"the settings in {source}"
-    else:
+    elif source is not None:
         raise UsageError(
             f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or "
             "the path of a YAML file."
@@ -78,18 +75,14 @@ def problems_of(
             meaning = hint(location)
             found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
         else:
-            text = "" if isinstance(value, dict) else one_line(repr(value))
-            got = (
-                f", got an object of type {type(value).__name__}"
-                if " at 0x" in text
-                else f", got {text}"
-                if text
-                else ""
-            )
-            field = None if model is None or not location else model.model_fields.get(str(location[0]))
+            text = one_line(repr(value))
+            got = f", got {f'an object of type {type(value).__name__}' if ' at 0x' in text else text}"
+            fields = {} if model is None else model.model_fields
+            field = fields.get(str(location[0])) if location else None
             words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
             about = f" ({location[0]}: {words})" if words else ""
-            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}{about}")
+            message = detail["msg"].removeprefix("Value error, ")
+            found.append(f"'{place}': {message}{'' if isinstance(value, dict) else got}{about}")
     return "; ".join(found)
 
 

@@ -28,22 +28,16 @@ from brv_hypo.errors import (
 )
 from brv_hypo.io.text import meant
 
-_KINDS = {
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-}
+_KINDS = {"-": "a file", "d": "a directory", "p": "a pipe", "c": "a device", "b": "a device", "s": "a socket"}
+"""By the letter that `ls -l` has for it."""
 
 
 def kind_of(path: str | Path) -> str | None:
     """What stands at `path`, such as "a pipe"; "a file" for a regular one, None where nothing does."""
     try:
-        mode = os.stat(path).st_mode
+        return _KINDS.get(stat.filemode(os.stat(path).st_mode)[0], "no regular file")
     except (OSError, ValueError):  # ValueError: a name with a null character
         return None
-    return "a file" if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), "no regular file")
 
 
 def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = UsageError) -> None:
@@ -87,23 +81,16 @@ def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
         ) from None
 
 
-# ---- Written whole or not at all ----
-
-
 SUFFIX = ".partial"
-NAME_KEPT = 30  # characters of a file's name in that of its temporary, which must not become too long
-
 _REMEDIES = {
     errno.ENOSPC: "The medium is full. Free some room, or choose another place.",
     errno.EDQUOT: "The quota is used up. Free some room, or choose another place.",
     errno.EROFS: "The medium is read-only. Choose another place.",
-    errno.EACCES: "There is no permission. Choose another place.",
-    errno.EPERM: "There is no permission. Choose another place.",
     errno.EFBIG: "The file would be too large here. Choose another place.",
-    errno.ENOTDIR: "A file stands where a folder is needed. Choose another place.",
-    errno.EEXIST: "A file stands where a folder is needed. Choose another place.",
     errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
     errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "There is no permission. Choose another place."),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A file stands where a folder is needed. Choose another place."),
 }
 # Temporaries that this process has open: removed at once where it must end without unwinding.
 _open: set[Path] = set()
@@ -187,7 +174,7 @@ def _temporary(target: Path) -> Iterator[Path]:
         for entry in target.parent.iterdir():
             if (found := left.fullmatch(entry.name)) and not _is_alive(int(found[1])):
                 shutil.rmtree(entry, ignore_errors=True)
-    prefix = f".{target.name[:NAME_KEPT]}.{host}.{os.getpid()}."
+    prefix = f".{target.name[:30]}.{host}.{os.getpid()}."  # of the name a part, lest it become too long
     folder = Path(tempfile.mkdtemp(SUFFIX, prefix, target.parent))
     _open.add(folder)
     try:
@@ -206,19 +193,18 @@ def remove_open_temporaries() -> None:
 def _is_alive(process: int) -> bool:
     try:
         os.kill(process, 0)
+    except PermissionError:  # it lives, and is another user's
+        return True
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # it lives, and is another user's
-        pass
     return True
 
 
 # ---- Configurations that come along ----
 
 
-_PACKAGE = Path(__file__).resolve().parents[1]
 # An installed wheel carries the configurations inside the package, a checkout beside it.
-_HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+_HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents[1:3])
 
 
 def config_names(folder: str = "") -> tuple[str, ...]:

@@ -51,13 +51,10 @@ class Budget:
     def check(self, size: int, place: str) -> None:
         """Raise FlightRecordError where `size` bytes are more than there ever were."""
         if size > self._most:
-            raise refused(
-                place,
-                f"{size / 2**20:.6g} MB declared",
-                f"at most {self._most / 2**20:.6g} MB of values in one file",
-                "a damaged or forged header, or a record of many flights",
-                "copy the file again, cut it into flights, or lower the sample rate",
-            )
+            expected = f"at most {self._most / 2**20:.6g} MB of values in one file"
+            cause = "a damaged or forged header, or a record of many flights"
+            remedy = "copy the file again, cut it into flights, or lower the sample rate"
+            raise refused(place, f"{size / 2**20:.6g} MB declared", expected, cause, remedy)
 
 
 def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any) -> Content:
@@ -123,12 +120,13 @@ class _Worker:
             # One thread, and an allocator that the limit of memory can count.
             own = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
             modules = os.pathsep.join(path for path in sys.path if path)
+            own |= {"PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"}
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _PROGRAM],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={**os.environ, **own, "PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"},
+                env=os.environ | own,
                 start_new_session=True,  # an interrupt from the keyboard is this process's to handle
             )
         return self._process
