@@ -208,18 +208,17 @@ def read_map(path: str | Path) -> RecordMap:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
     for number, unit in enumerate(mapping.beside, 2):
         mapping.channels |= {f"{name}{OF_UNIT}{number}": entry for name, entry in unit.items()}
-    parts: list[tuple[str, Collection[str], Mapping[str, Any]]] = [
-        ("channels", [name for name in mapping.channels if OF_UNIT not in name], {**CHANNEL_DIMENSIONS, **ATTITUDE}),
-        *((f"beside/{k}", unit, dict.fromkeys(INERTIAL_CHANNELS)) for k, unit in enumerate(mapping.beside)),
+    parts: list[tuple[str, Collection[str], Collection[str]]] = [
+        ("channels", [name for name in mapping.channels if OF_UNIT not in name], [*CHANNEL_DIMENSIONS, *ATTITUDE]),
+        *((f"beside/{k}", unit, INERTIAL_CHANNELS) for k, unit in enumerate(mapping.beside)),
         ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
     ]
-    for group, names, known in parts:
-        for name in names:
-            if name not in known:
-                raise UsageError(
-                    f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
-                    f"It has {', '.join(known)}."
-                )
+    for group, name, known in ((group, name, known) for group, names, known in parts for name in names):
+        if name not in known:
+            raise UsageError(
+                f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
+                f"It has {', '.join(known)}."
+            )
     if "time" not in mapping.channels:
         raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
     for name, entry in mapping.channels.items():
@@ -312,12 +311,10 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (Path(map_path).parent, source.parent)
-    files: dict[str | None, Path] = {None: source}
-    files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
     raw: dict[str | None, ColumnTable] = {}
     zero, notes = None, list[str]()
-    for name, path in files.items():
-        recorder = mapping.recorders[name] if name is not None else None
+    for name, recorder in ((None, None), *mapping.recorders.items()):
+        path = source if recorder is None else found_file(recorder.file, folders)
         channels = {key: entry for key, entry in mapping.channels.items() if entry.recorder == name}
         clocks = [] if recorder is None else [each for each in (recorder.time, recorder.align) if each is not None]
         columns = tuple(each.column for each in (*channels.values(), *clocks))
@@ -325,9 +322,9 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
             mapping.channels[key] = _with_units(entry, table, _dimension(key), f"channels/{key}")
+        clock = mapping.channels["time"]
         if recorder is not None:
-            recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
-        clock = recorder.time if recorder is not None else mapping.channels["time"]
+            clock = recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
         notes += table.notes
@@ -396,21 +393,19 @@ def _record(
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
         notes.append(f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s")
-    record = validated(
-        Record,
-        {
-            "time": time[around],
-            "channels": {name: values[around] for name, values in channels.items()},
-            "vehicle": vehicle,
-            "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
-            "planet": mapping.planet,
-            "title": mapping.title,
-            "source": mapping.source or source.name,
-            "path": str(source),
-            "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
-            "notes": notes,
-        },
-    )
+    content = {
+        "time": time[around],
+        "channels": {name: values[around] for name, values in channels.items()},
+        "vehicle": vehicle,
+        "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
+        "planet": mapping.planet,
+        "title": mapping.title,
+        "source": mapping.source or source.name,
+        "path": str(source),
+        "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
+        "notes": notes,
+    }
+    record = validated(Record, content)
     faults: tuple[RecordFault, ...] = ()
     if rate is not None:
         record, faults = rocket_log.decimated(record, rate)
@@ -523,15 +518,13 @@ def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, plac
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:
-    if mapping.window is None:
-        return -np.inf, np.inf
     if not isinstance(mapping.window, str):
-        return mapping.window
-    phase = next((phase for phase in phases if phase.name == mapping.window), None)
-    if phase is None:
-        found = ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
-        raise UsageError(
-            f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
-            f"does not show (it shows {found}). Give times instead: window: [start, stop]."
-        )
-    return phase.start_s, phase.stop_s
+        return mapping.window or (-np.inf, np.inf)
+    for phase in phases:
+        if phase.name == mapping.window:
+            return phase.start_s, phase.stop_s
+    found = ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
+    raise UsageError(
+        f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
+        f"does not show (it shows {found}). Give times instead: window: [start, stop]."
+    )

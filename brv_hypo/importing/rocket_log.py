@@ -103,10 +103,9 @@ def _in_axes_of(first: Channels, unit: Channels) -> Channels:
     if turn.magnitude() < SAME_AXES:
         return unit
     triads = [names for names in (GYROS, ACCELEROMETERS) if {*names} <= {*unit}]
-    turned = [turn.as_matrix() @ np.stack([unit[name] for name in names]) for names in triads]
-    return unit | {
-        name: row for names, rows in zip(triads, turned, strict=True) for name, row in zip(names, rows, strict=True)
-    }
+    for names in triads:
+        unit = unit | dict(zip(names, turn.as_matrix() @ np.stack([unit[name] for name in names]), strict=True))
+    return unit
 
 
 def clock_offset(
@@ -141,7 +140,10 @@ def clock_offset(
             "cause: align names columns that do not sense the same, or one of opposite sign. Remedy: give the offset "
             "of its time."
         )
-    lag = best + _peak(score, best) - (second.size - 1)
+    lag = float(best - (second.size - 1))
+    around = score[max(best - 1, 0) : best + 2]
+    if around.size == 3 and np.all(np.isfinite(around)) and (bend := around[0] - 2.0 * around[1] + around[2]) < 0.0:
+        lag += 0.5 * (around[0] - around[2]) / bend  # where the parabola through the three best has its top
     return float(time[0] + lag * step - other_time[0]), float(likeness[best])
 
 
@@ -149,15 +151,6 @@ def _on_grid(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
     known = np.isfinite(values)
     found = np.interp(np.arange(time[0], time[-1], step), time[known], values[known])
     return np.asarray(found - np.mean(found))
-
-
-def _peak(score: FloatArray, best: int) -> float:
-    """Where between the grid's points the parabola through the three best has its top."""
-    if not 0 < best < score.size - 1 or not np.all(np.isfinite(score[best - 1 : best + 2])):
-        return 0.0
-    left, middle, right = score[best - 1 : best + 2]
-    bend = left - 2.0 * middle + right
-    return 0.0 if bend >= 0.0 else float(0.5 * (left - right) / bend)
 
 
 @dataclass(frozen=True)
@@ -204,9 +197,9 @@ def take_out_biases(
             "after ignition, another axis or sign of ax, or wrong units. Remedy: correct the times or the map."
         )
     biases = {name: float(np.nanmean(held[name])) for name in GYROS}
+    biases_text = ", ".join(f"{name} {np.degrees(bias):.3g} deg/s" for name, bias in biases.items())
     biases["ax"] = (norm - GRAVITY) * float(reads[0] / norm)
     changed = {name: values - biases.get(name, 0.0) for name, values in channels.items()}
-    biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
     lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
     rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
     rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))

@@ -77,19 +77,13 @@ def _hats(values: FloatArray, places: Sequence[float]) -> FloatArray:
     return np.stack([np.interp(inside, places, row) for row in np.eye(len(places))], axis=-1)
 
 
-class _OfTable(DesignMoment):
-    """A moment by a user's table."""
-
-    source = "the user's table"
-
-    table: AeroTable
-
-
-class TableSlope(_OfTable):
+class TableSlope(DesignMoment):
     """The static moment that the table gives; its coefficient is 1 where the table is right on the whole."""
 
     name, title = "aero_table", "static moment by the aerodynamic table"
-    claims = "the table's moment in the plane of the angle of attack"
+    claims, source = "the table's moment in the plane of the angle of attack", "the user's table"
+
+    table: AeroTable
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: the table's slope times alpha."""
@@ -97,11 +91,13 @@ class TableSlope(_OfTable):
         return (Term("C_malpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
 
 
-class TableIncrements(_OfTable):
+class TableIncrements(DesignMoment):
     """What the slope is more at each place of the table, as far as its uncertainty allows."""
 
     name, title = "aero_increment", "increments to the aerodynamic table"
-    claims = "the table is wrong by about its uncertainty"
+    claims, source = "the table is wrong by about its uncertainty", "the user's table"
+
+    table: AeroTable
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term a place: a linear spline around it, times alpha."""

@@ -84,10 +84,6 @@ UNITS = {"SECOND": "s", "SECONDS": "s", "GRAVITY": "g", "METER": "m", "METERS": 
 MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
 
 
-def _is_pds3(path: Path, head: str) -> bool:
-    return "PDS_VERSION_ID" in head[:2000] or _label_of(path) != path
-
-
 def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
     label = _label_of(path)
     with label.open("rb") as stream:
@@ -120,6 +116,10 @@ def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTabl
 def _label_of(path: Path) -> Path:
     """The label beside a table; else the file itself."""
     return (_beside(path, f"{path.stem}.lbl") if path.suffix.lower() == ".tab" else None) or path
+
+
+def _is_pds3(path: Path, head: str) -> bool:
+    return "PDS_VERSION_ID" in head[:2000] or _label_of(path) != path
 
 
 def _beside(path: Path, name: str) -> Path | None:
