@@ -209,9 +209,8 @@ def _net(row: RankedHypothesis, term: tuple[str, str], nothing: float) -> FloatA
     ramps = [own.region_s for own in row.terms if (own.mechanism, own.name) == (term[0], f"ramp in {term[1]}")]
     steps, value, sigma = list[tuple[float, float, float]](), nothing, 0.0
     for each in row.intervals:
-        first = last = next(
-            ((own.value, own.std_error) for own in each.values if (own.mechanism, own.name) == term), (nothing, 0.0)
-        )
+        net = {(own.mechanism, own.name): (own.value, own.std_error) for own in each.values}
+        first = last = net.get(term, (nothing, 0.0))
         if any(region is not None and region[0] <= each.start_s < region[1] for region in ramps):
             mean, error = first
             first, last = (value, sigma), (2.0 * mean - value, max(4.0 * error**2 - 3.0 * sigma**2, 0.0) ** 0.5)
@@ -298,11 +297,12 @@ def _quality(comparison: Comparison) -> list[Block]:
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    panels, title = charts.share_bars(shares, "third"), "largest share of the moment's rms, %"
-    read = (
-        "At 95 %: the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    panels, named = (
+        charts.share_bars(shares, "third"),
+        ("limits", "Upper limits", "largest share of the moment's rms, %"),
     )
-    limits = Chart("limits", "Upper limits", title, panels, caption=read)
+    read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    limits = Chart(*named, panels, caption=f"At 95 %: {read}")
     return [_evidence(comparison), _probability(comparison), limits, Texts(comparison.disagreements, "Disagreements")]
 
 

@@ -77,13 +77,10 @@ def _usable(inspection: Inspection) -> str:
     """What can be analysed."""
     intervals = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
     low, high = inspection.dynamic_pressure_range
-    text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa"
-    if not inspection.transverse_frequency > 0.0:
-        return f"{text}; no periodic transverse motion is found"
-    return (
-        f"{text}; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
-        f"{number(inspection.samples_per_cycle)} samples a cycle of it"
-    )
+    frequency, samples = number(inspection.transverse_frequency), number(inspection.samples_per_cycle)
+    moves = f"the strongest transverse motion is at {frequency} Hz, {samples} samples a cycle of it"
+    text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa; "
+    return text + (moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found")
 
 
 def _units(channel: ChannelQuality) -> str:
@@ -167,12 +164,8 @@ def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
 
 def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The same as data for JSON."""
-    return {
-        "schema": "brv-hypo/conformance/1",
-        "mechanism": name,
-        "passed": all(outcome.passed for outcome in outcomes),
-        "checks": [asdict(outcome) for outcome in outcomes],
-    }
+    passed, checks = all(outcome.passed for outcome in outcomes), [asdict(outcome) for outcome in outcomes]
+    return {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": passed, "checks": checks}
 
 
 def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
@@ -184,18 +177,13 @@ def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[
         planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
     errors = ", ".join((*config.instruments.errors, *(each.mechanism for each in config.asymmetries)))
     said = f"; errors of the record: {errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
-    return [
-        Texts(
-            (
-                f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
-                f"{flight.sample_rate:.4g} Hz.",
-                f"Planted: {planted}{said}.",
-                *(f"  {planted_text(each)}" for each in config.mechanisms),
-            ),
-            bullets=False,
-        ),
-        Table(_drawn_errors(flown) if verbose else (), "Errors of record and vehicle", ("error", "component", "unit")),
-    ]
+    texts = (
+        f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.",
+        f"Planted: {planted}{said}.",
+        *(f"  {planted_text(each)}" for each in config.mechanisms),
+    )
+    drawn = _drawn_errors(flown) if verbose else ()
+    return [Texts(texts, bullets=False), Table(drawn, "Errors of record and vehicle", ("error", "component", "unit"))]
 
 
 def planted_text(entry: PlantedConfig) -> str:

@@ -81,12 +81,10 @@ def families_chart(step: Step) -> Chart:
         layers.append(replace(bar, role="second") if sure else replace(bar, role="none", name=NOT_SURE))
     rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
     layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
-    read = (
-        "Of the mean square that the first model does not explain: first by effects that were added, then by processes "
-        "(95 % intervals)."
-    )
-    panels = [Panel("", layers)] if layers else []
-    return Chart("families", "What holds the residual, by family", "of the residual, %", panels, caption=read)
+    read = "first by effects that were added, then by processes (95 % intervals)."
+    read = f"Of the mean square that the first model does not explain: {read}"
+    named = ("families", "What holds the residual, by family", "of the residual, %")
+    return Chart(*named, [Panel("", layers)] if layers else [], caption=read)
 
 
 def is_sure(family: Family) -> bool:
@@ -273,17 +271,18 @@ def _step(step: Step) -> list[Block]:
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
     done = step.residual.white and step.added is None  # what was tried is of no interest then
-    sentences = [f"By family: {families}."] if families else []
-    sentences += [f"{_history_text(largest)}."] if largest is not None else []
-    sentences.append(outcome_text(step))
-    if step.removed:
-        sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
+    sentences = (
+        f"By family: {families}." if families else "",
+        f"{_history_text(largest)}." if largest is not None else "",
+        outcome_text(step),
+        f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
+    )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
     words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
-        Texts(sentences, bullets=False, strong=step.added is not None),
+        Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
 
 
