@@ -29,11 +29,10 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates
 
 DURATION = 6.0  # seconds of the sample motion and of the sample record
-
-# Crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero.
-_SLOW, _FAST = 0.05, 0.012
+_SLOW, _FAST = 0.05, 0.012  # crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero
 _SLOW_RATE, _FAST_RATE = 7.3, -11.9  # rad/s
 _FORCE_SLOPE, _MOMENT_SLOPE = 2.0, -0.3  # 1/rad
+_SHORT = 60  # samples where few will do
 
 
 def sample_motion(time: FloatArray) -> Motion:
@@ -75,15 +74,8 @@ def uniform_time(samples: int = 600) -> FloatArray:
 
 def sample_flight() -> Flight:
     """A short record of the sample motion: what its instruments would read, without noise."""
-    motion = sample_motion(uniform_time())
-    vehicle = Vehicle(
-        mass=100.0,
-        ixx=1.5,
-        iyy=10.0,
-        reference_length=motion.reference_length,
-        reference_area=0.125,
-        accelerometer_position=(0.1, 0.02, -0.01),
-    )
+    motion, sizes = sample_motion(uniform_time()), {"reference_length": 0.4, "reference_area": 0.125}
+    vehicle = Vehicle(mass=100.0, ixx=1.5, iyy=10.0, accelerometer_position=(0.1, 0.02, -0.01), **sizes)
     normal = motion.dynamic_pressure * vehicle.reference_area * _FORCE_SLOPE * motion.alpha / vehicle.mass
     shared = ("time", "p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds")
     return Flight(
@@ -106,7 +98,7 @@ class Outcome:
 
     check: str
     passed: bool
-    detail: str = ""
+    detail: str
 
 
 def expect(condition: bool | np.bool_, found: str) -> None:
@@ -116,9 +108,6 @@ def expect(condition: bool | np.bool_, found: str) -> None:
 
 
 # ---- The checks of a mechanism: what the engine relies on when it fits, simulates and compares it ----
-
-
-_SHORT = 60  # samples where few will do
 
 
 def _thetas(mechanism: Mechanism, *, searched: bool = False) -> list[dict[str, float]]:
@@ -145,9 +134,8 @@ def is_declared(item: Mechanism | RecordEffect) -> None:
     kind = getattr(item, "kind", None)
     expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
     examples = {"channels": '("velocity",)', "units": '"m/s"', "size": "2.0"}
-    for attribute, example in examples.items() if isinstance(item, RecordProcess) else ():
-        found = f"`{attribute}` is missing: set it in the class, as in {attribute} = {example}"
-        expect(hasattr(item, attribute), found)
+    for name, example in examples.items() if isinstance(item, RecordProcess) else ():
+        expect(hasattr(item, name), f"`{name}` is missing: set it in the class, as in {name} = {example}")
 
 
 def documents_its_terms(mechanism: Mechanism) -> None:
@@ -302,11 +290,8 @@ def flags_its_delays(mechanism: Mechanism) -> None:
         if parameter.is_delay:
             expect(parameter.bounds[0] >= 0.0, f"the delay '{name}' may become negative")
             seconds, earlier = value * parameter.seconds, ", ".join(f"{tau:g}" for tau in found)
-            expect(
-                any(np.isclose(tau, seconds, rtol=1e-9, atol=0.0) for tau in found),
-                f"at '{name}' = {value:g} {parameter.units} it requests the motion {earlier} s earlier, "
-                f"not {seconds:g} s",
-            )
+            wrong = f"at '{name}' = {value:g} {parameter.units} it requests the motion {earlier} s earlier"
+            expect(np.any(np.isclose(found, seconds, rtol=1e-9, atol=0.0)), f"{wrong}, not {seconds:g} s")
 
 
 def has_sane_knots(mechanism: Mechanism) -> None:
@@ -347,28 +332,24 @@ def has_a_sane_tolerance(mechanism: Mechanism) -> None:
     expect(sound, f"a tolerance of {sizes} for {len(terms)} terms: give each its 1-sigma size")
 
 
+# In the order in which an author wants to read them.
 MECHANISM_CHECKS: tuple[Callable[[Mechanism], None], ...] = (
     *(is_declared, documents_its_terms, is_configurable, varies_in_known_ways, has_sane_parameters),
     *(keeps_the_shape, is_finite, has_the_same_terms_for_every_theta, states_its_units, is_elementwise, is_pure),
     *(takes_the_meridian_as_an_angle, acts_on_the_moments, flags_its_delays, has_sane_knots),
     *(derives_with_uncertainty, has_a_sane_tolerance),
 )
-"""Every check of a mechanism, in the order in which an author wants to read them."""
 
 
 # ---- The checks of a record effect: a perturbation of the record that is small, pure and linear ----
-
-
-# Units in which wind (m/s) and the place of the accelerometers (m) are compared.
-_WIND, _PLACE = 10.0, 0.1
 
 
 def _channels(flight: Flight) -> FloatArray:
     """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place, inertia."""
     known = sample_flight()
     channels = [getattr(flight, name) / np.max(np.abs(getattr(known, name))) for name in CHANNELS]
-    wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
-    place = [value / _PLACE for value in flight.vehicle.accelerometer_position]
+    wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / 10.0  # m/s
+    place = [value / 0.1 for value in flight.vehicle.accelerometer_position]  # m
     inertia = [flight.vehicle.ixx / known.vehicle.ixx, flight.vehicle.iyy / known.vehicle.iyy]
     constant = np.array([*place, *inertia])[:, np.newaxis] * np.ones(flight.samples)
     return np.concatenate([np.array(channels, dtype=float), wind, constant])

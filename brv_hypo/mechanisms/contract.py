@@ -116,12 +116,10 @@ class Derived:
         length = float(np.hypot(x, y))
         if length == 0.0:
             return ()
-        along, across = np.array([x, y]) / length, np.array([-y, x]) / length
-        turn = float(np.sqrt(across @ covariance @ across)) / length
-        return (
-            cls(size, length, float(np.sqrt(along @ covariance @ along)), "1"),
-            cls(angle, float(np.arctan2(sense * y, x)), turn, "rad"),
-        )
+        axes = np.array([[x, y], [-y, x]]) / length
+        along, across = np.sqrt(np.einsum("ij,jk,ik->i", axes, covariance, axes)).tolist()
+        turned = cls(angle, float(np.arctan2(sense * y, x)), across / length, "rad")
+        return cls(size, length, along, "1"), turned
 
 
 class Component(NamedTuple):
@@ -253,13 +251,12 @@ class MomentProcess(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
-        histories = time_splines(motion.time, self.start, self.stop, self.splines)
-        products = [
-            (f"{self.name} {number} {k}", shape * histories[..., k])
-            for number, shape in enumerate(self.shapes(motion))
-            for k in range(self.splines)
-        ]
-        return tuple(Term(name, product.real.copy(), product.imag.copy()) for name, product in products)
+        histories, terms = time_splines(motion.time, self.start, self.stop, self.splines), list[Term]()
+        for number, shape in enumerate(self.shapes(motion)):
+            for k in range(self.splines):
+                product = shape * histories[..., k]
+                terms.append(Term(f"{self.name} {number} {k}", product.real.copy(), product.imag.copy()))
+        return tuple(terms)
 
 
 def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:

@@ -169,13 +169,12 @@ def _add(found: dict[str, Installed], package: str, version: str, load: Callable
     except MechanismError as error:
         items, problems = [], [str(error)]
     for item in items:
-        if item.name in found:
-            problems.append(
-                f"'{item.name}' of {package} has the name of one of {found[item.name].package}, which is kept. "
-                "Uninstall or rename one of them."
-            )
-        else:
-            found[item.name] = Installed(item if package == OWN else checked(item, package), package, version)
+        kept = found.setdefault(
+            item.name, Installed(item if package == OWN else checked(item, package), package, version)
+        )
+        if unchecked(kept.item) is not item:
+            twice = f"'{item.name}' of {package} has the name of one of {kept.package}, which is kept."
+            problems.append(f"{twice} Uninstall or rename one of them.")
     return problems
 
 
@@ -305,11 +304,8 @@ def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
     def applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
         return effect.perturb(flight, component, value)
 
-    return tuple(
-        Perturbation(effect.name, name, units, size, partial(applied, effect, name))
-        for effect in nuisance_effects()
-        for name, units, size in effect.components(flight)
-    )
+    known = ((effect, component) for effect in nuisance_effects() for component in effect.components(flight))
+    return tuple(Perturbation(effect.name, *each, partial(applied, effect, each.name)) for effect, each in known)
 
 
 def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:

@@ -41,9 +41,8 @@ Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z", "along_rates", "a
 
 def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
     """The quantity on the motion's shape."""
-    if quantity == "log_reynolds":
-        return np.asarray(np.log10(motion.reynolds), dtype=float)
-    return np.asarray(getattr(motion, quantity), dtype=float)
+    values = np.log10(motion.reynolds) if quantity == "log_reynolds" else getattr(motion, quantity)
+    return np.asarray(values, dtype=float)
 
 
 class _Part(BaseModel):
@@ -68,10 +67,8 @@ class Factor(_Part):
     @model_validator(mode="after")
     def _schedule_is_whole(self) -> Factor:
         if (self.function == "schedule") != bool(self.places) or len(self.places) != len(self.values):
-            raise ValueError(
-                f"a schedule, and nothing else, has as many 'values' as 'places'; got {self.function} with "
-                f"{len(self.places)} and {len(self.values)}"
-            )
+            got = f"got {self.function} with {len(self.places)} and {len(self.values)}"
+            raise ValueError(f"a schedule, and nothing else, has as many 'values' as 'places'; {got}")
         if any(b <= a for a, b in pairwise(self.places)):
             raise ValueError("'places' must increase")
         return self
@@ -119,8 +116,7 @@ class YamlTerm(_Part):
     @property
     def follows_time(self) -> bool:
         """Whether it is a function of the record's time."""
-        turns = self.turn is not None and self.turn.of == "time"
-        return turns or any(factor.of == "time" for factor in self.factors)
+        return any(each is not None and each.of == "time" for each in (self.turn, *self.factors))
 
     def column(self, motion: Motion) -> Term:
         """The term's columns: C_N' + i C_Z' = (C_m + i C_n) exp(i phi_w) (Eq. 2.6, erratum E2)."""
@@ -129,9 +125,8 @@ class YamlTerm(_Part):
         def of(quantity: Quantity) -> FloatArray:
             return values_of(motion if quantity == "time" else before, quantity)
 
-        direction = np.exp(1j * (motion.windward_meridian - before.windward_meridian))
-        if self.axis in ("body_y", "body_z"):
-            direction = np.exp(1j * motion.windward_meridian)
+        of_body = self.axis in ("body_y", "body_z")
+        direction = np.exp(1j * (motion.windward_meridian - (0.0 if of_body else before.windward_meridian)))
         if self.axis in ("along_rates", "across_rates"):
             direction = direction * before.plane_rates
         if self.axis in ("out_of_plane", "body_z", "across_rates"):
@@ -191,10 +186,8 @@ def read_mechanism(path: str | Path) -> YamlMechanism:
     try:
         return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:
-        problems = problems_of(error)
-        raise UsageError(
-            f"{path} is not a mechanism file: {problems}. `brv-hypo trace --write-mechanism` writes valid ones."
-        ) from None
+        found = f"{path} is not a mechanism file: {problems_of(error)}."
+        raise UsageError(f"{found} `brv-hypo trace --write-mechanism` writes valid ones.") from None
 
 
 def mechanism_text(content: MechanismFile) -> str:

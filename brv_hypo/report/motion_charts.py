@@ -86,8 +86,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     return values[np.isfinite(values)]
 
 
-# ---- Motion and moments over time, angle of attack and frequency ----
-
 IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"

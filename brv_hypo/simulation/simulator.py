@@ -190,9 +190,6 @@ def _parts(motion: Motion, step: float) -> int:
     return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
 
 
-# ---- A simulated flight: its record and its truth ----
-
-
 @dataclass(frozen=True)
 class Truth:
     """What was flown, at the record's samples (m,)."""

@@ -31,9 +31,6 @@ from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig
 
-# ---- Faults injected in sound records ----
-
-
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
 
 Corruption = Callable[[Record, np.random.Generator], Record]

@@ -263,9 +263,6 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
     return pd.DataFrame(rows).to_csv(index=False)
 
 
-# ---- Every flight of a study, in parallel ----
-
-
 PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
 CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
