@@ -41,10 +41,8 @@ def settings_of(
     elif isinstance(source, str | Path):
         content, where = read_yaml(source, "settings"), f"the settings in {source}"
     elif source is not None:
-        raise UsageError(
-            f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or "
-            "the path of a YAML file."
-        )
+        expected = f"a {model.__name__}, a mapping of its fields, or the path of a YAML file"
+        raise UsageError(f"got settings of type {type(source).__name__}, expected {expected}.")
     try:
         return model.model_validate({**content, **keywords})
     except ValidationError as error:

@@ -18,9 +18,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
-from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
-from brv_hypo.mechanisms import Mechanism, RecordEffect, find_installed
+from brv_hypo.mechanisms import Mechanism, RecordEffect
 from brv_hypo.mechanisms.conformance import EFFECT_CHECKS as EFFECT_CHECKS
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS as MECHANISM_CHECKS
 from brv_hypo.mechanisms.conformance import Nonconformity as Nonconformity
@@ -29,11 +28,11 @@ from brv_hypo.mechanisms.conformance import conformance as conformance
 from brv_hypo.mechanisms.conformance import sample_flight as sample_flight
 from brv_hypo.mechanisms.conformance import sample_motion as sample_motion
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+from brv_hypo.simulation.instruments import with_errors
 from brv_hypo.tracing import Trace, TraceConfig, trace
 
 VEHICLE = "research_cone"
-DURATION, SAMPLE_RATE = 4.0, 100.0
-"""s and Hz: short enough for a test, long enough to tell a mechanism that matters."""
+DURATION, SAMPLE_RATE = 4.0, 100.0  # s and Hz: short enough for a test, long enough to tell a mechanism that matters
 
 
 def check_mechanism(mechanism: Mechanism | RecordEffect) -> None:
@@ -69,21 +68,12 @@ def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Co
 
 def plant_effect(effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1) -> Flight:
     """A short flight with nothing planted, whose record has `value` (SI) of that component more, or UsageError."""
-    item = find_installed(effect)
-    if not isinstance(item, RecordEffect):
-        raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")
-    flight = _unplanted(vehicle, seed)
-    variant = item.variants(flight)[0]
-    known = [each.name for each in variant.components(flight)]
-    if component not in known:
-        raise UsageError(f"'{effect}' has no component '{component}'; it has {', '.join(known)}.")
-    return variant.perturb(flight, component, value)
+    return with_errors(_unplanted(vehicle, seed), {effect: {component: value}})
 
 
 def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
     """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
-    settings = TraceConfig(effects=(effect, *rivals), discover=False, max_steps=2)
-    return trace(flight, settings)
+    return trace(flight, TraceConfig(effects=(effect, *rivals), discover=False, max_steps=2))
 
 
 @lru_cache(maxsize=4)

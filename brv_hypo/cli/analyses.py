@@ -45,15 +45,9 @@ def expected_seconds(flights: Sequence[Flight], seconds: float) -> float:
     return sum(seconds * (1.0 + each / SLOWING_CYCLES) for each in cycles)
 
 
+_HYPOTHESES = "Hypotheses, a plus joining several: lag,sticking+bodyfixed; installed: all; left out: the usual five."
 Mechanisms = Annotated[
-    str | None,
-    Option(
-        "--mechanisms",
-        metavar="NAME,NAME",
-        autocompletion=complete_hypotheses,
-        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; installed: all; left out: the five "
-        "that come along.",
-    ),
+    str | None, Option("--mechanisms", metavar="NAME,NAME", autocompletion=complete_hypotheses, help=_HYPOTHESES)
 ]
 
 
@@ -122,10 +116,7 @@ def trace(
         Option("--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."),
     ] = None,
     model_file: Annotated[
-        Path | None,
-        Option(
-            "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
-        ),
+        Path | None, Option("--write-model", metavar="FILE.yaml", help="Write the whole model, to edit and use again.")
     ] = None,
     seed: Seed = None,
 ) -> None:
@@ -175,10 +166,8 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
         ranked: dict[str, Any] = next((row for row in known["ranking"] if row["mechanism"] == start), {})
         errors = {term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())}
     except (KeyError, IndexError, TypeError, AttributeError) as error:
-        raise UsageError(
-            f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
-            "`trace --json` wrote."
-        ) from None
+        found = f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))})."
+        raise UsageError(f"{found} Give what `compare --json` or `trace --json` wrote.") from None
     if errors:
         session.warn(f"errors of the record are estimated anew: {', '.join(sorted(errors))}")
     return start

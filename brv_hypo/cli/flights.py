@@ -46,10 +46,7 @@ def inspect(session: Session, flight: FlightFile) -> None:
 def import_(
     session: Session,
     data: Annotated[
-        list[Path],
-        Argument(
-            metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
-        ),
+        list[Path], Argument(metavar="DATA", help="Foreign record: csv, parquet, mat. With --guess, others' files too.")
     ],
     mapping: Annotated[
         Path | None, Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
@@ -67,10 +64,8 @@ def import_(
             "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
         )
     elif len(data) > 1:
-        raise UsageError(
-            f"import --map brings in one file, got {len(data)}: the map names the others under recorders and vehicle. "
-            "Only --guess takes several."
-        )
+        others = "the map names the others under recorders and vehicle. Only --guess takes several."
+        raise UsageError(f"import --map brings in one file, got {len(data)}: {others}")
     elif output is None:
         raise UsageError("import --map needs the record to write: -o flight.h5.")
     else:
@@ -85,10 +80,8 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
     session.show(Texts(found.unsure, "Missing or unsure", warning=True))
-    session.show(
-        f"Wrote {output}. Read it, fill in the vehicle, then:\n"
-        f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
-    )
+    then = f"brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
+    session.show(f"Wrote {output}. Read it, fill in the vehicle, then:\n  {then}")
 
 
 def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
@@ -150,17 +143,11 @@ def simulate(
     ],
     output: Output,
     plant: Annotated[
-        str | None,
-        Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+        str | None, Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable sets.")
     ] = None,
     draw: Annotated[
         float | None,
-        Option(
-            "--draw",
-            metavar="TIMES",
-            min=0.0,
-            help="Draw errors of instruments, vehicle and air from so many times the tolerances stated; 1 is usual.",
-        ),
+        Option("--draw", metavar="TIMES", min=0.0, help="Draw errors from so many times the tolerances; 1 is usual."),
     ] = None,
     seed: Seed = None,
 ) -> None:

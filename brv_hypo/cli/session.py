@@ -240,7 +240,7 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
     def beginning(incomplete: str) -> list[str]:
         known = getattr(import_module(f"brv_hypo.{module}"), names)
-        return _beginning(incomplete, known(*arguments) if callable(known) else known)
+        return [name for name in (known(*arguments) if callable(known) else known) if name.startswith(incomplete)]
 
     return beginning
 
@@ -257,11 +257,7 @@ def complete_hypotheses(incomplete: str) -> list[str]:
     from brv_hypo.mechanisms.registry import mechanisms
 
     before = re.sub(r"[^,+]*$", "", incomplete)
-    names = sorted(mechanism.name for mechanism in mechanisms())
-    return [before + name for name in _beginning(incomplete[len(before) :], names)]
-
-
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    names = (before + name for name in sorted(mechanism.name for mechanism in mechanisms()))
     return [name for name in names if name.startswith(incomplete)]
 
 

@@ -215,10 +215,8 @@ def read_map(path: str | Path) -> RecordMap:
     ]
     for group, name, known in ((group, name, known) for group, names, known in parts for name in names):
         if name not in known:
-            raise UsageError(
-                f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
-                f"It has {', '.join(known)}."
-            )
+            found = f"'{group}/{name}' is not part of format 1{nearest(name, known)}"
+            raise UsageError(f"the map {file}: {found}. It has {', '.join(known)}.")
     if "time" not in mapping.channels:
         raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
     for name, entry in mapping.channels.items():
@@ -445,10 +443,8 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
     if rotation == "auto" and tilt is not None:
         tolerances |= dict.fromkeys(("gyro_misalignment", "accel_misalignment"), tilt.sigma)
         rows = "; ".join(", ".join(f"{value:.4f}" for value in row) for row in matrix)
-        notes.append(
-            f"rotation found from {tilt.by}: the nose lay "
-            f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
-        )
+        lay = f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg"
+        notes.append(f"rotation found from {tilt.by}: the nose lay {lay}; rows {rows}")
 
 
 def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
@@ -467,10 +463,8 @@ def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> 
         if recorder.align is not None:
             align = recorder.align
             if align.to not in channels:
-                raise UsageError(
-                    f"recorders/{name}/align/to: '{align.to}' is no channel of the main table, which has "
-                    f"{', '.join(channels)}."
-                )
+                has = f"the main table, which has {', '.join(channels)}"
+                raise UsageError(f"recorders/{name}/align/to: '{align.to}' is no channel of {has}.")
             dimension = CHANNEL_DIMENSIONS[align.to]
             other = to_si(columns[align.column], align.units, dimension, f"recorders/{name}/align")
             moved, likeness = rocket_log.clock_offset(time, channels[align.to], clock, other)

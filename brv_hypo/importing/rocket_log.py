@@ -328,11 +328,9 @@ def _climb(
     ]
     if np.any(transonic):
         when, off = grid[transonic], residual[transonic]
-        notes.append(
-            f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer reads up to "
-            f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb, and "
-            f"{'counts' if counted is measured else 'is left out'}"
-        )
+        reads = f"reads up to {off[np.argmax(np.abs(off))]:+.0f} m off the climb"
+        fate = "counts" if counted is measured else "is left out"
+        notes.append(f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer {reads}, and {fate}")
     found = [np.where(inside, np.interp(time, grid, values), np.nan) for values in (speed, height, sigma)]
     return (found[0], found[1], found[2], notes), spread
 

@@ -138,10 +138,8 @@ def read_aero_table(path: str | Path) -> AeroTable:
     tables = {name: numbers.pivot(index="mach", columns="alpha", values=name) for name in ("slope", "std_error")}
     places = tables["slope"]
     if places.isna().any(axis=None):
-        raise UsageError(
-            f"{path} has {len(rows)} places, expected every alpha ({places.shape[1]}) at every Mach number "
-            f"({places.shape[0]}). Fill in what is missing."
-        )
+        expected = f"every alpha ({places.shape[1]}) at every Mach number ({places.shape[0]})"
+        raise UsageError(f"{path} has {len(rows)} places, expected {expected}. Fill in what is missing.")
     content = {name: table.to_numpy().tolist() for name, table in tables.items()}
     try:
         return AeroTable.model_validate({"mach": [*places.index], "alpha": [*places.columns], **content})

@@ -244,10 +244,8 @@ class SavedRecordError(_Saved):
             raise UsageError(f"the model's options of '{self.effect}': {problems_of(wrong)}") from None
         found = {each.name: each for each in effect.components(flight)}
         if self.component not in found:
-            raise UsageError(
-                f"the model holds '{self.component}' of '{self.effect}', which has {', '.join(found)}. "
-                "Trace the flight anew."
-            )
+            holds = f"the model holds '{self.component}' of '{self.effect}', which has {', '.join(found)}"
+            raise UsageError(f"{holds}. Trace the flight anew.")
         name, units, size = found[self.component]
         return Applied(effect=effect, component=name, units=units, size=size, value=self.value, flight=self.flight)
 

@@ -64,10 +64,8 @@ PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
 @singledispatch
 def document_of(result: Any) -> Document:
     """The document of a comparison, trace, prediction, reconstruction or flight; else UsageError."""
-    raise UsageError(
-        f"got {type(result).__name__}, expected a Flight, or what compare, trace, predict or reconstruct returned: "
-        "only these have a report."
-    )
+    expected = "a Flight, or what compare, trace, predict or reconstruct returned: only these have a report"
+    raise UsageError(f"got {type(result).__name__}, expected {expected}.")
 
 
 document_of.register(Comparison, comparison_document)

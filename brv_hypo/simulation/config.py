@@ -32,10 +32,8 @@ class Section(BaseModel):
 
 def _of_a_real_body(vehicle: Vehicle) -> Vehicle:
     if vehicle.ixx > 2.0 * vehicle.iyy:
-        raise ValueError(
-            f"ixx {vehicle.ixx:g} with iyy {vehicle.iyy:g} kg m^2, expected ixx <= 2 iyy as in every body: "
-            "are they exchanged?"
-        )
+        found = f"ixx {vehicle.ixx:g} with iyy {vehicle.iyy:g} kg m^2"
+        raise ValueError(f"{found}, expected ixx <= 2 iyy as in every body: are they exchanged?")
     return vehicle
 
 
