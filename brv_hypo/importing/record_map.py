@@ -1,34 +1,12 @@
 """MAP.yaml: what a foreign record's columns are, what is done with them, and the flight that is made of them.
 
-A value is `scale * column + offset`, in `units`, and NaN where the column holds `missing`:
+A value is `scale * column + offset`, in `units`, and NaN where the column holds `missing`. `RecordMap` lists the keys,
+`brv-hypo docs record` says what each means, `configs/maps` has a whole map. Columns of a mat file that lie in a struct
+are called `struct.field`. Files are named relative to the map's folder, or to that of the data.
 
-    title: Entry of 1975
-    planet: earth
-    channels:
-      time: {column: t, units: s}
-      p: {column: gyro_x, units: deg/s, scale: -1.0, missing: -999}
-      altitude: {recorder: altimeter, column: baro, units: ft}
-    recorders:                     # other files, each with a clock of its own
-      altimeter:
-        file: altimeter.csv
-        time: {column: met, units: s}
-        align: {column: accel, units: g, to: ax}   # the clock's offset, from what both recorders sensed
-    vehicle:
-      mass: {value: 832, units: kg}
-      ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
-    instruments: {grade: industrial}
-    beside:                        # further inertial units, averaged with the first
-    - p: {column: gyro2_x, units: deg/s}
-    rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
-    pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
-    derive: {velocity: ascent}     # from ax and altitude, on a steep climb
-    window: coast                  # a phase that is found, or [start, stop] in s
-    rate: auto                     # Hz, or auto: what the motion needs
-
-Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
-or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
-all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
-with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order: all recorders on one clock;
+axes turned; biases from the pad removed; speed derived; phases found and the window cut, with the vehicle and its
+tolerances over it; faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations

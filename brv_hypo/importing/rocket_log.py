@@ -184,10 +184,9 @@ def take_out_biases(
     held = {name: values[inside] for name, values in channels.items()}
     count = int(np.count_nonzero(inside))
     if count < PAD_FEWEST_SAMPLES:
-        raise UsageError(
-            f"the map's pad, {pad[0]:g} to {pad[1]:g} s, holds {count} samples, expected at least "
-            f"{PAD_FEWEST_SAMPLES}: the record runs from {time[0]:.3f} to {time[-1]:.3f} s."
-        )
+        holds = f"holds {count} samples, expected at least {PAD_FEWEST_SAMPLES}"
+        runs = f"the record runs from {time[0]:.3f} to {time[-1]:.3f} s"
+        raise UsageError(f"the map's pad, {pad[0]:g} to {pad[1]:g} s, {holds}: {runs}.")
     reads = np.array([float(np.nanmean(held[name])) for name in ACCELEROMETERS])
     norm, swings = float(np.linalg.norm(reads)), max(float(np.nanstd(held[name])) for name in GYROS)
     if abs(norm - GRAVITY) > PAD_OFF_GRAVITY * GRAVITY or reads[0] < PAD_UPRIGHT * norm or swings > PAD_MOVING:

@@ -1,19 +1,9 @@
 """Mechanisms written in a YAML file: products of a few named functions of the motion, and nothing else.
 
-    format: brv-mechanism
-    format_version: 1
-    name: turning_moment
-    title: body-fixed moment that turns at 5 rad/s
-    claims: a moment of constant size that turns in the body at 5 rad/s
-    source: discovered on a flight
-    terms:
-      - {name: along, axis: body_y, turn: {of: time, rate: 5.0}}
-      - {name: across, axis: body_z, turn: {of: time, rate: 5.0}}
-
-A term is a moment of unit coefficient along an axis, which may turn, times its factors: powers, jumps, ramps,
-schedules of one quantity each; it may be that of an earlier motion (`delay`). `along_rates` is the axis of the
-transverse rates times d / 2V, which damping has, and `across_rates` a right angle from it.
-No expression is evaluated as code.
+A term (`terms: [{name: along, axis: body_y, turn: {of: time, rate: 5.0}}]`) is a moment of unit coefficient along an
+axis, which may turn, times its factors: powers, jumps, ramps, schedules of one quantity each; it may be that of an
+earlier motion (`delay`). `along_rates` is the axis of the transverse rates times d / 2V, which damping has, and
+`across_rates` a right angle from it. No expression is evaluated as code. `brv-hypo docs mechanism` has a whole file.
 """
 
 from __future__ import annotations

@@ -67,10 +67,8 @@ def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
 
 def inspection_line(inspection: Inspection) -> str:
     """Length, rate and planet in one line."""
-    return (
-        f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}, "
-        f"{inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
-    )
+    span = f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}"
+    return f"{span}, {inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
 
 
 def _usable(inspection: Inspection) -> str:

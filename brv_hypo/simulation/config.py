@@ -193,19 +193,15 @@ class SimulationConfig(Section):
         ratio = 1.0 / (self.sample_rate * self.step)
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = 1.0 / (self.sample_rate * max(1, round(ratio)))
-            raise ValueError(
-                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps per sample, "
-                f"expected a whole number: try step {near:.6g}"
-            )
+            made = f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps per sample"
+            raise ValueError(f"{made}, expected a whole number: try step {near:.6g}")
         return self
 
     @model_validator(mode="after")
     def _enough_samples(self) -> SimulationConfig:
         if self.samples < MINIMUM_SAMPLES:
-            raise ValueError(
-                f"duration {self.duration:g} s at {self.sample_rate:g} Hz makes {self.samples} samples, "
-                f"expected at least {MINIMUM_SAMPLES}: give a longer duration"
-            )
+            made = f"duration {self.duration:g} s at {self.sample_rate:g} Hz makes {self.samples} samples"
+            raise ValueError(f"{made}, expected at least {MINIMUM_SAMPLES}: give a longer duration")
         return self
 
     @property
@@ -247,10 +243,9 @@ def load_config(
     config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
     for name in plant:
         if name not in config.plantable:
-            raise UsageError(
-                f"'{name}' is not plantable in '{config.title}'; its `plantable` block holds "
-                f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `plantable`."
-            )
+            holds = f"its `plantable` block holds {', '.join(config.plantable) or 'nothing'}"
+            remedy = "Choose one of these, or add it to `plantable`."
+            raise UsageError(f"'{name}' is not plantable in '{config.title}'; {holds}. {remedy}")
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 

@@ -125,10 +125,8 @@ class Planted:
         known = [term.name for term in self.mechanism.terms(motion, self.theta)]
         for name in self.coefficients:
             if name not in known:
-                raise UsageError(
-                    f"mechanism '{self.mechanism.name}' has no term '{name}'; its terms are {', '.join(known)}. "
-                    "Correct the key under `terms`."
-                )
+                found = f"mechanism '{self.mechanism.name}' has no term '{name}'; its terms are {', '.join(known)}"
+                raise UsageError(f"{found}. Correct the key under `terms`.")
 
 
 def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple[Planted, ...]:
@@ -141,10 +139,9 @@ def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple
             mechanism = find(entry.mechanism, {**span, **entry.options})
         expected = {parameter.name for parameter in mechanism.parameters()}
         if expected != set(entry.theta):
-            raise UsageError(
-                f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
-                f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
-            )
+            found = f"got theta {sorted(entry.theta)}, expected {sorted(expected)}"
+            remedy = "Give each parameter of the mechanism one value under `theta`."
+            raise UsageError(f"planted mechanism '{mechanism.name}': {found}. {remedy}")
         if entry.kind == "ramp" and entry.start is None:
             raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
         ends = {"start": entry.start, "stop": entry.stop}

@@ -331,11 +331,8 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         }
         return entry.model_copy(update=changes)
 
-    start = {
-        "alpha": config.start.alpha * draw.alpha,
-        "roll_rate": config.start.roll_rate * draw.roll_rate,
-        "windward_meridian": draw.windward_meridian,
-    }
+    alpha, roll_rate = config.start.alpha * draw.alpha, config.start.roll_rate * draw.roll_rate
+    start = {"alpha": alpha, "roll_rate": roll_rate, "windward_meridian": draw.windward_meridian}
     gyro, stated = config.instruments.gyro, study.draws.instruments
     gyro = gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})
     instruments: dict[str, Any] = {"gyro": gyro, "draw": 1.0}
