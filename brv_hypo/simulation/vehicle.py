@@ -139,9 +139,9 @@ def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple
             mechanism = find(entry.mechanism, {**span, **entry.options})
         expected = {parameter.name for parameter in mechanism.parameters()}
         if expected != set(entry.theta):
-            found = f"got theta {sorted(entry.theta)}, expected {sorted(expected)}"
+            got = f"got theta {sorted(entry.theta)}, expected {sorted(expected)}"
             remedy = "Give each parameter of the mechanism one value under `theta`."
-            raise UsageError(f"planted mechanism '{mechanism.name}': {found}. {remedy}")
+            raise UsageError(f"planted mechanism '{mechanism.name}': {got}. {remedy}")
         if entry.kind == "ramp" and entry.start is None:
             raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
         ends = {"start": entry.start, "stop": entry.stop}
