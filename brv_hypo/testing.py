@@ -1,15 +1,7 @@
 """For plugin authors: the conformance kit, and flights on which a mechanism or an effect is planted and looked for.
 
-    from brv_hypo.testing import check_mechanism, plant, recover
-
-    def test_is_recovered():
-        flown = plant("uneven_ablation", {"k": 0.01})
-        assert recover(flown, "uneven_ablation").verdict.winner == "uneven_ablation"
-
-    def test_keeps_the_contract():
-        check_mechanism(UnevenAblation())
-
-To be planted the plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_files`.
+`brv-hypo docs mechanism` and `docs effect` have examples. To be planted the plugin must be installed, or loaded with
+`brv_hypo.mechanisms.use_plugin_files`.
 """
 
 from __future__ import annotations

@@ -138,13 +138,10 @@ class VehicleColumn(_Entry):
     time: ColumnMap
 
 
-def _kind_of(entry: Any) -> str:
-    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
-    return "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"
-
-
 VehicleEntry = Annotated[
-    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
+    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")],
+    # Which of the two it is, so that one complaint is made of it and not both.
+    Discriminator(lambda entry: "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"),
 ]
 
 

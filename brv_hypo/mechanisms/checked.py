@@ -227,20 +227,15 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
         columns, shape = {"sizes": [size for _, _, size in given]}, (len(given),)
     elif method in ("knots", "tolerance") and given is not None:
         columns, shape = {"numbers": given}, (len(given),)
-    flaws = ((name, _flaw(column, shape)) for name, column in columns.items())
-    return next((f"`{method}` gave {name} {flaw}" for name, flaw in flaws if flaw), "")
-
-
-def _flaw(column: Any, shape: tuple[int, ...]) -> str:
-    """What is wrong with a column; empty where nothing is."""
-    values = np.asarray(column)
-    if values.dtype.kind not in "fiub":
-        return f"of type {values.dtype}, expected real numbers"
-    if values.shape != shape:
-        return f"of shape {values.shape}, expected {shape}"
-    bad = int(np.count_nonzero(~np.isfinite(values)))
-    needs = "it may need a channel that this record lacks (Mach or Reynolds number)"
-    return f"with {bad} values that are not finite, expected none; {needs}" if bad else ""
+    for name, values in ((name, np.asarray(column)) for name, column in columns.items()):
+        if values.dtype.kind not in "fiub":
+            return f"`{method}` gave {name} of type {values.dtype}, expected real numbers"
+        if values.shape != shape:
+            return f"`{method}` gave {name} of shape {values.shape}, expected {shape}"
+        if bad := int(np.count_nonzero(~np.isfinite(values))):
+            needs = "it may need a channel that this record lacks (Mach or Reynolds number)"
+            return f"`{method}` gave {name} with {bad} values that are not finite, expected none; {needs}"
+    return ""
 
 
 def read_only(data: Data) -> Data:

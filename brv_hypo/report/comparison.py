@@ -52,27 +52,6 @@ EVIDENCE = (
 )
 
 
-def _probability(comparison: Comparison) -> Chart:
-    """Of each hypothesis, the likeliest first, of equals as they are ranked."""
-    chances = comparison.verdict.probability
-    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
-    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
-    panels, over = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
-    return Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=over)
-
-
-def _evidence(comparison: Comparison) -> Chart:
-    """ln evidence, and how much better stretches held out are predicted, over the baseline only."""
-    rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
-    held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
-    places, level = list(range(len(rows))), [row.log_evidence for row in rows]
-    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
-    evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
-    panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
-    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
-    return Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
-
-
 def _sizes(comparison: Comparison) -> Chart:
     """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = p."""
     sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
@@ -296,6 +275,20 @@ def _quality(comparison: Comparison) -> list[Block]:
 
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
+    rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
+    held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
+    places, level = list(range(len(rows))), [row.log_evidence for row in rows]
+    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
+    evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
+    panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
+    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
+    over = Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
+    # The likeliest first, of equals as they are ranked.
+    chances = comparison.verdict.probability
+    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
+    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
+    panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
+    likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
     panels, named = (
         charts.share_bars(shares, "third"),
@@ -303,7 +296,7 @@ def _compared(comparison: Comparison) -> list[Block]:
     )
     read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."
     limits = Chart(*named, panels, caption=f"At 95 %: {read}")
-    return [_evidence(comparison), _probability(comparison), limits, Texts(comparison.disagreements, "Disagreements")]
+    return [over, likely, limits, Texts(comparison.disagreements, "Disagreements")]
 
 
 def _fit_texts(comparison: Comparison) -> list[str]:

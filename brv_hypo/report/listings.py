@@ -45,11 +45,17 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         f"vehicle: {vehicle.mass:.5g} kg, Ix {vehicle.ixx:.5g}, I {vehicle.iyy:.5g} kg m², reference length "
         f"{vehicle.reference_length:.4g} m, area {vehicle.reference_area:.4g} m², accelerometers at ({position}) m"
     )
+    spans = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
+    low, high = map(number, inspection.dynamic_pressure_range)
+    frequency, samples = number(inspection.transverse_frequency), number(inspection.samples_per_cycle)
+    moves = f"the strongest transverse motion is at {frequency} Hz, {samples} samples a cycle of it"
+    moves = moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found"
+    usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
     title = "Faults" if trial.sound else "Faults: the record contradicts itself"
     what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
-        Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
+        Texts((inspection_line(inspection), usable), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
@@ -69,16 +75,6 @@ def inspection_line(inspection: Inspection) -> str:
     """Length, rate and planet in one line."""
     span = f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}"
     return f"{span}, {inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
-
-
-def _usable(inspection: Inspection) -> str:
-    """What can be analysed."""
-    intervals = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
-    low, high = inspection.dynamic_pressure_range
-    frequency, samples = number(inspection.transverse_frequency), number(inspection.samples_per_cycle)
-    moves = f"the strongest transverse motion is at {frequency} Hz, {samples} samples a cycle of it"
-    text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa; "
-    return text + (moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found")
 
 
 def _units(channel: ChannelQuality) -> str:

@@ -242,7 +242,13 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
 
 def limit_blocks(comparison: Comparison) -> list[Block]:
     """How large each mechanism may be: of the moment's rms, as C_m and in N m, smallest first; which are not known."""
-    verdict, scale = comparison.verdict, _moment_scale(comparison)
+    verdict, parts, scale = comparison.verdict, [], None
+    for series, flight in zip(comparison.series, comparison.flights, strict=False):
+        area, length = flight.vehicle.get("reference_area"), flight.vehicle.get("reference_length")
+        if area is not None and length is not None:
+            parts.append(area * length * np.array(series.dynamic_pressure_pa))
+    if parts:  # rms over all flights: N m of a moment coefficient of 1
+        scale = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     known = [each for each in verdict.limits if np.isfinite(each.share_of_moment_95)]
     rows = [
         {
@@ -273,17 +279,6 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
     heading = "Upper limits at 95 %, also of what could hide beside the leader"
     return [Table(rows, heading, ("mechanism",)), Texts([" ".join(said)] if said else (), bullets=False)]
-
-
-def _moment_scale(comparison: Comparison) -> float | None:
-    """Rms of dynamic pressure, over all flights, times area and length: N m of a moment coefficient of 1."""
-    flown = zip(comparison.series, comparison.flights, strict=False)
-    parts = [
-        np.array(each.dynamic_pressure_pa) * flight.vehicle["reference_area"] * flight.vehicle["reference_length"]
-        for each, flight in flown
-        if {"reference_area", "reference_length"} <= flight.vehicle.keys()
-    ]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
 
 
 def size_table(comparison: Comparison) -> Table:

@@ -1,13 +1,4 @@
-"""Aerodynamic moments beyond the linear static moment and constant damping, and those of a slight asymmetry.
-
-Magnus                C_npalpha (p d / 2V) alpha, out of plane
-cubic static moment   C_malpha3 alpha^3, in plane
-lagged aftbody        a moment that follows alpha a few flow times late: a limit cycle
-Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
-unequal stiffness     d alpha (cos 2 phi_w, sin 2 phi_w) in plane axes
-trim                  C_m0, C_n0 constant in the body; a c.g. off the axis
-dynamic imbalance     products of inertia: a torque proportional to p^2
-"""
+"""Aerodynamic moments beyond the linear static moment and constant damping, and those of a slight asymmetry."""
 
 from __future__ import annotations
 

@@ -1,18 +1,9 @@
 """Processes: what a baseline with constant coefficients and a record with constant errors lack of any real flight.
 
-Moments of known shape and unknown history
-static moment   alpha                              stiffness that changes along the flight
-bend            alpha^2, alpha^3                   stiffness by angle of attack
-side moment     i alpha                            asymmetry across the plane of alpha
-side bend       i alpha^2, i alpha^3               side moment by angle of attack
-damping         the transverse rates               damping that changes along the flight
-cross damping   i times these                      Magnus-like moments
-damping bends   alpha^2 times either               these by angle of attack
-body            fixed in the body                  c.g. drift, nose tip; and, faster, a random moment of the flow
-harmonics       alpha turning two and three times  lobes of the cross-section
-
-Drifts of instruments and air: one unit of a spline is the drift of an ordinary instrument or day, a gyro by 0.05 deg/s,
-an accelerometer by 5 mg, the air by 2 % of density and 1 m/s of wind.
+Moments have a known shape and an unknown history: powers of alpha in its plane and across it, the transverse rates,
+what is fixed in the body, lobes of the cross-section. One unit of a spline of an instrument's or the air's drift is
+that of an ordinary instrument or day: a gyro by 0.05 deg/s, an accelerometer by 5 mg, the air by 2 % of density and
+1 m/s of wind.
 """
 
 from __future__ import annotations

@@ -1,12 +1,6 @@
 """Errors of the record: instruments and their clocks, what is declared of vehicle and air, wind.
 
-bias           y + b
-scale          y (1 + s)
-misalignment   v + v x m, and for gyros also two axes that are not orthogonal
-position       specific force at a place other than the declared one
-time skew      the channels of one instrument, late by a constant time against the gyros
-declared       inertia and dynamic pressure larger than the truth by a share
-wind           the air moves across the track: slowly, or from one instant on
+A reading y becomes y + b (bias), y (1 + s) (scale); vectors become v + v x m (misalignment).
 """
 
 from __future__ import annotations
