@@ -173,6 +173,12 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     return start
 
 
+_REFITTED = (
+    "What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; instruments "
+    "stands for all of these."
+)
+
+
 @in_session(*ANALYSIS)
 def predict(
     session: Session,
@@ -180,15 +186,7 @@ def predict(
     model: Annotated[
         Path, Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
-    refit: Annotated[
-        str,
-        Option(
-            "--refit",
-            metavar="NAME,...",
-            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
-            "instruments stands for all of these.",
-        ),
-    ] = "",
+    refit: Annotated[str, Option("--refit", metavar="NAME,...", help=_REFITTED)] = "",
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
@@ -208,10 +206,7 @@ def predict(
 def study(
     session: Session,
     config: Annotated[
-        str,
-        Argument(
-            metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or the name of one that comes along."
-        ),
+        str, Argument(metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or one that comes along.")
     ],
     output: Annotated[
         Path, Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there.")

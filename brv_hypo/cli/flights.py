@@ -135,11 +135,7 @@ def simulate(
     session: Session,
     config: Annotated[
         str,
-        Argument(
-            metavar="CONFIG.yaml",
-            autocompletion=complete_configurations,
-            help="Configuration, or the name of one that comes along.",
-        ),
+        Argument(metavar="CONFIG.yaml", autocompletion=complete_configurations, help="File, or one that comes along."),
     ],
     output: Output,
     plant: Annotated[

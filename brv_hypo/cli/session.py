@@ -269,6 +269,10 @@ Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of 
 
 
 LONG_SECONDS = 20.0  # what takes longer says so beforehand
+_TOLERANCES = (
+    "Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, a YAML "
+    "file, or opportunity."
+)
 
 
 @dataclass(frozen=True)
@@ -279,14 +283,7 @@ class Session:
     start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
     stop: Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")] = None
     instruments: Annotated[
-        str | None,
-        Option(
-            "--instruments",
-            metavar="GRADE|FILE",
-            autocompletion=complete_grades,
-            help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, "
-            "industrial, a YAML file, or opportunity.",
-        ),
+        str | None, Option("--instruments", metavar="GRADE|FILE", autocompletion=complete_grades, help=_TOLERANCES)
     ] = None
     json: Annotated[
         str | None, Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")
@@ -302,7 +299,7 @@ class Session:
     force: Annotated[bool, Option("--force", help="Overwrite output files that exist.")] = False
     plugin: Annotated[
         list[Path] | None,
-        Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
+        Option("--plugin", metavar="FILE", help="Use mechanisms of this .py or .yaml file; repeatable."),
     ] = None
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 

@@ -15,6 +15,7 @@ import atexit
 import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -99,7 +100,11 @@ class _Worker:
                 process.stdin.flush()
                 return pickle.load(process.stdout)
             except (EOFError, BrokenPipeError, pickle.UnpicklingError):
-                raise EOFError(_how_ended(process)) from None
+                process.kill()  # it has ended already, unless it wrote what is no answer
+                code = process.wait()
+                how = f"crashed on it ({signal.Signals(-code).name})" if code < 0 else f"ended on it (code {code})"
+                late = code in (-signal.SIGXCPU, -signal.SIGKILL)
+                raise EOFError("did not finish in the time that a sound file takes" if late else how) from None
             except BaseException:  # an answer half read cannot be followed by another
                 self.end()
                 raise
@@ -130,16 +135,6 @@ class _Worker:
                 start_new_session=True,  # an interrupt from the keyboard is this process's to handle
             )
         return self._process
-
-
-def _how_ended(process: subprocess.Popen[bytes]) -> str:
-    import signal
-
-    process.kill()  # it has ended already, unless it wrote what is no answer
-    code = process.wait()
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        return "did not finish in the time that a sound file takes"
-    return f"crashed on it ({signal.Signals(-code).name})" if code < 0 else f"ended on it (code {code})"
 
 
 _worker = _Worker()

@@ -100,14 +100,10 @@ def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict
 
 def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Setting:
     """What charts over time of one flight share, with the knots of a hypothesis."""
-    flight, several = comparison.flights[index], len(comparison.flights) > 1
-    return Setting(
-        (flight.start_s, flight.stop_s),
-        list(knots),
-        charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
-        f"-{index + 1}" if several else "",
-        f", flight {index + 1}" if several else "",
-    )
+    flight = comparison.flights[index]
+    faults = charts.masked(comparison.record.faults, flight.stop_s - flight.start_s)
+    which = (f"-{index + 1}", f", flight {index + 1}") if len(comparison.flights) > 1 else ("", "")
+    return Setting((flight.start_s, flight.stop_s), list(knots), faults, *which)
 
 
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
@@ -136,13 +132,12 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         by_alpha = charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
         moments.append(replace(by_alpha, caption=ALONE))
         if best is leader:
-            overview = replace(
+            name, heading = f"overview{setting.suffix}", f"{heading}{setting.which}"
+            chart, marks = (
                 charts.moment_chart(setting, time, sigma, drawn, beyond),
-                name=f"overview{setting.suffix}",
-                heading=f"{heading}{setting.which}",
-                caption=ALONE,
-                marks=[Mark(at, name) for at, name in knots.items()],
+                [Mark(*knot) for knot in knots.items()],
             )
+            overview = replace(chart, name=name, heading=heading, caption=ALONE, marks=marks)
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
@@ -208,11 +203,12 @@ def comparison_document(comparison: Comparison) -> Document:
         known = comparison.functions.items()
         return [derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known]
 
-    others = [
-        Section(f"Flight {k + 1}", [*chain(*flights[k].values()), *functions(k)], folded=True)
-        for k in range(1, len(flights))
-    ]
+    further = [(k + 1, [*chain(*flights[k].values()), *functions(k)]) for k in range(1, len(flights))]
+    others = [Section(f"Flight {number}", drawn, folded=True) for number, drawn in further]
     known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
+    names = tables.collinear_names(comparison.collinear_groups)
+    collinear = Texts(names, bullets=False, shown="verbose"), Texts(comparison.collinear, tables.PAIRS, shown="page")
+    terms = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
     notes = [note for flight in comparison.flights for note in flight.notes]
     if ranking:
         seconds = comparison.seconds
@@ -245,20 +241,9 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
             Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known), fits]),
-            Section(
-                "Coefficients",
-                [
-                    *functions(0),
-                    *tables.function_blocks(comparison.functions),
-                    Texts(tables.collinear_names(comparison.collinear_groups), bullets=False, shown="verbose"),
-                    Texts(comparison.collinear, tables.PAIRS, shown="page"),
-                ],
-            ),
+            Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear]),
             *others,
-            *(
-                Section(f"Terms of {hypothesis(row.mechanism)}", _of_hypothesis(comparison, row), True)
-                for row in ranking
-            ),
+            *terms,
         ),
     )
 

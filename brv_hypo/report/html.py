@@ -67,7 +67,6 @@ _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": 
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
-_STANDOFF = 8  # px between the title of a vertical axis and its ticks
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
@@ -166,8 +165,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **({"range": list(across)} if across else {}),
         },
         "barmode": "overlay",  # bars of one name each, in layers
-        "shapes": _shapes(chart),
-        "annotations": _annotations(chart),
+        **_marked(chart),
     }
     gap = _HEIGHT["gap"] / (_HEIGHT["panel"] * count)
     height = (1.0 - gap * (count - 1)) / count
@@ -177,7 +175,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **_AXIS,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
-            "title": {"text": panel.title, "standoff": _STANDOFF},
+            "title": {"text": panel.title, "standoff": 8},  # px from its ticks
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
@@ -197,22 +195,20 @@ def _decades(panel: Panel) -> dict[str, Any]:
     return {"dtick": max(1.0, np.ceil(span / _MOST_DECADES))} if span > _FEWEST_DECADES else {}
 
 
-def _shapes(chart: Chart) -> list[dict[str, Any]]:
+def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
+    """Spans and marks, and their names above the frame: of spans in their middle, of marks from their line on."""
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
     dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
     shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
-    spans = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
-    return [*spans, *({**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks)]
-
-
-def _annotations(chart: Chart) -> list[dict[str, Any]]:
-    """Names above the frame: of spans in their middle, of marks from their line on."""
+    shapes = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
+    shapes += [{**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks]
     above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
     marks = [
         {**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
         for mark, line in named(chart.marks)
     ]
-    return marks + [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
+    spans = [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
+    return {"shapes": shapes, "annotations": [*marks, *spans]}
 
 
 def chart_height(chart: Chart) -> int:

@@ -262,11 +262,9 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
     said = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
-    sizes = [
-        f"{each.mechanism} {', '.join(f'{name} {number(size, 2)}' for name, size in each.coefficients_95.items())}"
-        for each in known
-        if each.coefficients_95
-    ]
+    held = [each for each in known if each.coefficients_95]
+    terms = [", ".join(f"{name} {number(size, 2)}" for name, size in each.coefficients_95.items()) for each in held]
+    sizes = [f"{each.mechanism} {largest}" for each, largest in zip(held, terms, strict=True)]
     if rows:
         said.append("In a part of the record; of what acts throughout, trim and the baseline may take up more.")
     if sizes:
@@ -283,10 +281,10 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
 
 def size_table(comparison: Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
-    rows = [
-        {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
-        for each in comparison.best_by_size
+    best = [
+        (each.n_terms, number(each.cp), ", ".join(each.terms) or "baseline only") for each in comparison.best_by_size
     ]
+    rows = [{"terms": str(count), "C_p": cp, "best": terms} for count, cp, terms in best]
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
 
@@ -433,10 +431,8 @@ def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
                 row = {"quantity": name.replace("_", " "), "value": number(value, 4), "unit": SI[dimension]}
                 row["tolerance"] = NOT_A_NUMBER if size is None else share(size)
                 rows.append(({"flight": str(k)} if len(flights) > 1 else {}) | row)
-    return [
-        Table(rows, "Vehicle", ("quantity", "unit"), shown="page"),
-        Texts((_VEHICLE,) if rows else (), bullets=False, shown="page"),
-    ]
+    read = Texts((_VEHICLE,) if rows else (), bullets=False, shown="page")
+    return [Table(rows, "Vehicle", ("quantity", "unit"), shown="page"), read]
 
 
 def flight_texts(comparison: Comparison) -> list[str]:
