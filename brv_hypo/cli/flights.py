@@ -95,8 +95,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     found = bring_in(data, mapping)
     flight = found.flight
     save_flight(flight, output, overwrite=session.force)
-    phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    session.show(Texts(flight.notes, "Notes"), phases)
+    session.show(Texts(flight.notes, "Notes"), Texts(phase_texts(found.phases), "Phases (a map's window names one)"))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
     for fault in (fault for fault in try_record(flight)[1].faults if fault.decisive):  # with -q and in scripts too
         session.warn(f"warning: the record contradicts itself ({fault.fault}): {fault.action}")
@@ -180,8 +179,7 @@ def fly(
     from brv_hypo.simulation import load_config
     from brv_hypo.simulation import simulate as simulated
 
-    settings = {} if draw is None else {"instruments": {"draw": draw}}
-    chosen = load_config(config, plant=plant, keywords=settings)
+    chosen = load_config(config, plant=plant, keywords={} if draw is None else {"instruments": {"draw": draw}})
     if chosen.instruments.silent:
         session.warn("no instrument has noise: a comparison of this record says nothing of a real one")
     with session.progress("simulating") as progress:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 
-# ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
-
 mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 

@@ -117,8 +117,7 @@ def unwinding() -> Iterator[None]:
 
 def end_workers() -> None:
     """End the processes that work for this one, without waiting for what they do."""
-    loky = sys.modules.get("joblib.externals.loky.reusable_executor")
-    executor = getattr(loky, "_executor", None)
+    executor = getattr(sys.modules.get("joblib.externals.loky.reusable_executor"), "_executor", None)
     if executor is None:
         return
     for worker in list((executor._processes or {}).values()):

@@ -171,8 +171,7 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
         mean = uniform_filter1d(known, width, mode="nearest")
         spread = np.sqrt(np.maximum(uniform_filter1d(known**2, width, mode="nearest") - mean**2, 0.0))
         whole = float(np.ptp(np.percentile(known, (0.5, 99.5))))
-        away = np.abs(mean - np.mean(known[:width]))
-        moving |= (spread > STILL * whole) | (away > STILL * whole)
+        moving |= (spread > STILL * whole) | (np.abs(mean - np.mean(known[:width])) > STILL * whole)
     first = int(np.argmax(moving)) if np.any(moving) else time.size
     stop = first - width
     return stop if stop >= width and np.any(moving) else None

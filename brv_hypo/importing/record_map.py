@@ -440,8 +440,8 @@ def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> 
             if align.to not in channels:
                 has = f"the main table, which has {', '.join(channels)}"
                 raise UsageError(f"recorders/{name}/align/to: '{align.to}' is no channel of {has}.")
-            dimension = CHANNEL_DIMENSIONS[align.to]
-            other = to_si(columns[align.column], align.units, dimension, f"recorders/{name}/align")
+            place = f"recorders/{name}/align"
+            other = to_si(columns[align.column], align.units, CHANNEL_DIMENSIONS[align.to], place)
             moved, likeness = rocket_log.clock_offset(time, channels[align.to], clock, other)
             clock = clock + moved
             notes.append(

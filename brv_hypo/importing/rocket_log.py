@@ -76,9 +76,6 @@ DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples t
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
 
 
-# ---- Further inertial units, one clock, and the biases that a rest shows ----
-
-
 def together(first: Channels, further: Sequence[Channels]) -> tuple[Channels, list[str]]:
     """Means of the inertial channels (n,), SI, over all units, and a note on what each further one differs by."""
     units = [first, *(_in_axes_of(first, unit) for unit in further)]
@@ -207,8 +204,7 @@ def take_out_biases(
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "
         f"{np.degrees(lean):.1f} deg: kept; the tolerance of their bias is as large, or what a usual lean makes",
     ]
-    usual = GRAVITY * PAD_LEANING
-    y, z = np.minimum(across, usual).tolist()
+    y, z = np.minimum(across, GRAVITY * PAD_LEANING).tolist()
     along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
     return changed, rest, {"accel_bias": (along, y, z)}, notes
 

@@ -317,8 +317,7 @@ def derives_with_uncertainty(mechanism: Mechanism) -> None:
         found = (
             f"four times the covariance takes sigma from {one.std_error} to {four.std_error}, where twice is expected"
         )
-        sound = one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error)
-        expect(sound, f"'{one.name}': {found}")
+        expect(one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error), f"'{one.name}': {found}")
 
 
 def has_a_sane_tolerance(mechanism: Mechanism) -> None:
@@ -358,8 +357,7 @@ def _channels(flight: Flight) -> FloatArray:
 def _changes(effect: RecordEffect, share: float) -> Iterator[tuple[str, float, FloatArray]]:
     """Name and size of each component, and what a share of that changes in the sample's channels."""
     for name, _, size in effect.components(sample_flight()):
-        changed = _channels(effect.perturb(sample_flight(), name, share * size))
-        yield name, size, changed - _channels(sample_flight())
+        yield name, size, _channels(effect.perturb(sample_flight(), name, share * size)) - _channels(sample_flight())
 
 
 def has_sane_components(effect: RecordEffect) -> None:

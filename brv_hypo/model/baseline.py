@@ -161,8 +161,7 @@ class StaticBend(DesignMoment):
             return (bend,)
         by, low, high = self.drift
         along = {"time": motion.time, "mach": motion.mach, "speed": motion.velocity}[by]
-        place = scaled(along, low, high)
-        return bend, Term("C_malpha3 drift 1", cube * place, nothing, "1/rad^3")
+        return bend, Term("C_malpha3 drift 1", cube * scaled(along, low, high), nothing, "1/rad^3")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad^3) of each coefficient."""

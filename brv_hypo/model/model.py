@@ -212,8 +212,7 @@ class ModelError(_Saved):
         if not self.mach:
             return np.full(mach.shape, whole)
         known = np.isfinite(mach)
-        found = np.sqrt(np.interp(np.where(known, mach, self.mach[0]), self.mach, values**2))
-        return np.where(known, found, whole)
+        return np.where(known, np.sqrt(np.interp(np.where(known, mach, self.mach[0]), self.mach, values**2)), whole)
 
 
 class SavedRecordError(_Saved):

@@ -162,8 +162,7 @@ def evaluated(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism],
     for column in columns:
         key = (column.mechanism, column.theta)
         if key not in known:
-            terms = mechanisms[column.mechanism].terms(motion, dict(column.theta))
-            known[key] = {term.name: term for term in terms}
+            known[key] = {term.name: term for term in mechanisms[column.mechanism].terms(motion, dict(column.theta))}
     return [known[column.mechanism, column.theta][column.term] for column in columns]
 
 

@@ -255,8 +255,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     """Errors of record and vehicle in units of their tolerances, the largest first."""
     known = errors[:_ERRORS]
     values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
-    places = list(range(len(known)))
-    dots = Line(values, places, "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
+    dots = Line(values, range(len(known)), "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
     beyond = beyond_level(len(errors))
     most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])

@@ -37,8 +37,7 @@ def sensed_channels(
     """What perfect instruments read, accelerometers at their `place` (m), at angular accelerations (3, n) rad/s^2."""
     # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
     rates, arm = state[RATES], np.array(place)[:, np.newaxis] * np.ones_like(state[0])
-    swing = cross(rates, cross(rates, arm))
-    force = air.specific_force + cross(angular, arm) + swing
+    force = air.specific_force + cross(angular, arm) + cross(rates, cross(rates, arm))
     return true_channels(state, air) | dict(zip(ACCELEROMETERS, force, strict=True))
 
 
@@ -62,8 +61,7 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     asymmetries = list(config.asymmetries)
     for mechanism in nuisance_mechanisms(record):  # constant in time, without nonlinear parameters
         values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
-        names = [term.name for term in mechanism.terms(motion, {})]
-        terms = dict(zip(names, values, strict=True))
+        terms = dict(zip((term.name for term in mechanism.terms(motion, {})), values, strict=True))
         asymmetries.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
     return config.model_copy(update={"instruments": instruments, "asymmetries": tuple(asymmetries)})
 

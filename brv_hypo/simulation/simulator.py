@@ -170,8 +170,7 @@ def integrate(system: System, state: FloatArray, report: Report = silent) -> Tra
             trajectory.rates_before[node + 1] = rate(before, state, near)[0]
         if node % 64 == 0:
             report(node / nodes.size, "simulating")
-    final = nodes[-1] + _ASIDE if breaks[-1] else nodes[-1]
-    k1, motion = rate(final, state, near)
+    k1, motion = rate(nodes[-1] + _ASIDE if breaks[-1] else nodes[-1], state, near)
     trajectory.store(nodes.size - 1, state, k1, motion.windward_meridian)
     return trajectory
 

@@ -120,8 +120,7 @@ def _clipped(values: FloatArray, record: Record, random: np.random.Generator) ->
 def _spikes(values: FloatArray, record: Record, random: np.random.Generator) -> None:
     count = max(1, round(SPIKE_SHARE * values.size))
     at = random.choice(values.size, size=count, replace=False)
-    sigma = sigma_of_differences([values])
-    values[at] += PLANTED_SPIKE_SIGMAS * sigma * random.choice([-1.0, 1.0], size=count)
+    values[at] += PLANTED_SPIKE_SIGMAS * sigma_of_differences([values]) * random.choice([-1.0, 1.0], size=count)
 
 
 def _burst(values: FloatArray, record: Record, random: np.random.Generator) -> None:

@@ -196,8 +196,7 @@ class Trim(Aerodynamic):
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
         """Size and meridian of the moment, to first order in the covariance (2, 2)."""
-        pair = values["C_m0"], values["C_n0"]
-        return Derived.polar("C_trim", "phi_trim", pair, covariance, sense=-1.0)
+        return Derived.polar("C_trim", "phi_trim", (values["C_m0"], values["C_n0"]), covariance, sense=-1.0)
 
 
 class DynamicImbalance(Aerodynamic):

@@ -82,8 +82,7 @@ def detect(path: Path, layout: Layout) -> Dialect:
     found = [[row[k] for k in numeric] if len(row) == width else [] for row in kinds]
     values = [sum(kind in KINDS for kind in row) for row in found]
     # No text beside them, or little, is in a row of data.
-    data = (k for k, n in enumerate(values) if n and ("text" not in found[k] or 2 * n > len(numeric)))
-    first = next(data, None)
+    first = next((k for k, n in enumerate(values) if n and ("text" not in found[k] or 2 * n > len(numeric))), None)
     if first is None or worth <= 0:
         texts = [cells for cells in rows if any(cells)]
         if encoding != "utf-8-sig" or len(texts) > 1:
