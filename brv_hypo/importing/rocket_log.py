@@ -137,10 +137,11 @@ def clock_offset(
             "cause: align names columns that do not sense the same, or one of opposite sign. Remedy: give the offset "
             "of its time."
         )
-    lag = float(best - (second.size - 1))
+    top = 0.0
     around = score[max(best - 1, 0) : best + 2]
     if around.size == 3 and np.all(np.isfinite(around)) and (bend := around[0] - 2.0 * around[1] + around[2]) < 0.0:
-        lag += 0.5 * (around[0] - around[2]) / bend  # where the parabola through the three best has its top
+        top = 0.5 * (around[0] - around[2]) / bend  # of the parabola through the three best, between the grid's points
+    lag = best + top - (second.size - 1)
     return float(time[0] + lag * step - other_time[0]), float(likeness[best])
 
 
