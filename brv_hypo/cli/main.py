@@ -118,8 +118,6 @@ def check(
     session.show(passed)
 
 
-# ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
-
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
 ALONG = {

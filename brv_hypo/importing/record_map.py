@@ -58,9 +58,6 @@ STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, b
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
-# ---- MAP.yaml: what a foreign record's columns are, and what is to be done with them. Read by `read_map` ----
-
-
 def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise ValueError("a start before its stop")

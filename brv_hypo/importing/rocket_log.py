@@ -210,9 +210,6 @@ def take_out_biases(
     return changed, rest, {"accel_bias": (along, y, z)}, notes
 
 
-# ---- The speed of a climb ----
-
-
 Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 

@@ -200,9 +200,6 @@ def _is_alive(process: int) -> bool:
     return True
 
 
-# ---- Configurations that come along ----
-
-
 # An installed wheel carries the configurations inside the package, a checkout beside it.
 _HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents[1:3])
 

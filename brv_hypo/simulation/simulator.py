@@ -95,9 +95,6 @@ class Trajectory:
         return replace(motion, windward_meridian=turned)
 
 
-# ---- Nodes, and the steps from one to the next ----
-
-
 # Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
 _ASIDE = 1e-10
 _SAME = 1e-9

@@ -107,9 +107,6 @@ def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
     ]
 
 
-# ---- Drifts of instruments and air ----
-
-
 class _Added(RecordProcess):
     """A history that is added to a channel."""
 

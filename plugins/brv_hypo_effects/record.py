@@ -190,9 +190,6 @@ def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: flo
     return out
 
 
-# ---- What the record declares of vehicle and air, and errs by ----
-
-
 class Declared(RecordEffect):
     """What the record declares is larger than the truth by a share, of which `flight.instruments` has the size."""
 
