@@ -27,10 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def settings_of(
     model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None, keywords: Mapping[str, Any] = {}
 ) -> Settings:
-    """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; `keywords` go over them.
-
-    Raises UsageError that names each wrong setting, what it holds and what is expected.
-    """
+    """Settings as they are, of a mapping or YAML file, or defaults (None), under `keywords`; UsageError if wrong."""
     if isinstance(source, model) and not keywords:
         return source
     where, content = "the settings", dict[str, Any]()
@@ -57,15 +54,12 @@ def problems_of(
     hint: Callable[[Sequence[str | int]], str] = lambda place: "",
     model: type[BaseModel] | None = None,
 ) -> str:
-    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is.
-
-    Of a tuple with a wrong element pydantic says besides that it is too short, which is left out.
-    """
+    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is."""
     found, places = [], {detail["loc"] for detail in error.errors()}
     for detail in error.errors():
         location, value = detail["loc"], detail["input"]
         place = ".".join(str(part) for part in location) or "the whole"
-        if any(location == each[: len(location)] != each for each in places):
+        if any(location == each[: len(location)] != each for each in places):  # of a tuple with a wrong element
             continue
         if detail["type"] == "missing":
             found.append(f"'{place}' is missing")

@@ -45,8 +45,7 @@ def plant(
 ) -> SimulatedFlight:
     """A short 6-DOF flight with instrument errors on which a mechanism acts from `start` to `stop` (s).
 
-    `terms` holds the coefficient of each of its terms, `theta` its nonlinear parameters.
-    Raises UsageError for an unknown mechanism, term or parameter.
+    `terms` holds the coefficient of each term, `theta` its nonlinear parameters. Raises UsageError for unknown ones.
     """
     planted = {"mechanism": mechanism, "terms": dict(terms), "theta": dict(theta or {}), "start": start, "stop": stop}
     entry = {key: value for key, value in planted.items() if value is not None}

@@ -49,10 +49,7 @@ class Guess:
 
 
 def guess_map(data: str | Path, *others: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
-
-    Raises UsageError where no column of a file can be time, FlightRecordError where it is unreadable.
-    """
+    """A map for the csv, parquet or mat file `data`, and `others` recorded beside it; UsageError without any time."""
     main = _examined(Path(data))
     main.entries = {name: entry for name, entry in main.entries.items() if name not in VEHICLE_DIMENSIONS}
     for other in others:

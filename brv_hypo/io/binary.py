@@ -135,11 +135,7 @@ def _plain(value: Any) -> Any:
 
 
 def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
-    """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
-
-    Raises UsageError where its name does not end in .h5 or .hdf5, the file exists and `overwrite` is false, or where
-    it cannot be written.
-    """
+    """Write `tree`, with its root dataset `time` as the scale of others as long; UsageError as of `check_target`."""
     import h5py
 
     check_target(path, overwrite=overwrite)

@@ -59,10 +59,7 @@ class Budget:
 
 
 def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any) -> Content:
-    """What `reader(path, budget, *arguments)`, a function of a module, returns; `library` names it in a refusal.
-
-    Raises FlightRecordError where the reader does, fails, crashes, or takes more memory or time than it may.
-    """
+    """What `reader(path, budget, *arguments)` returns; FlightRecordError if it refuses, fails or takes too much."""
     try:
         answer = _worker.ask((reader, os.path.abspath(path), READ_BUDGET, READ_CPU_SECONDS, arguments))
     except EOFError as ended:

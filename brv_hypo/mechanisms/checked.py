@@ -66,10 +66,7 @@ def answer(
 
 @contextmanager
 def _within(seconds: float) -> Iterator[None]:
-    """Raise _NoAnswerError in the block after `seconds`; the outermost block's limit is the one that counts.
-
-    Only the main thread can be interrupted, and only where the system has timers.
-    """
+    """Raise _NoAnswerError in the block after `seconds`, the outermost's; only in a main thread with timers."""
     main = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
     if not main or signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
         yield

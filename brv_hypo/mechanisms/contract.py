@@ -108,10 +108,7 @@ class Derived:
     def polar(
         cls, size: str, angle: str, pair: tuple[float, float], covariance: FloatArray, sense: float = 1.0
     ) -> tuple[Derived, ...]:
-        """Size and direction (rad, counted in `sense`) of a vector of two coefficients without unit, by these names.
-
-        To first order in the covariance (2, 2); nothing where both are 0.
-        """
+        """Size and direction (rad, counted in `sense`) of a pair, to first order in its covariance (2, 2)."""
         x, y = pair
         length = float(np.hypot(x, y))
         if length == 0.0:
@@ -265,10 +262,7 @@ def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:
 
 
 class RecordProcess(RecordEffect):
-    """A channel's error with an unknown smooth history in time, in cubic B-splines over the record.
-
-    The coefficients of all channels share one amplitude, which is estimated, zero included.
-    """
+    """A channel's error with an unknown smooth history, in cubic B-splines over the record of one estimated size."""
 
     claims = MomentProcess.claims
     source = MomentProcess.source

@@ -32,10 +32,7 @@ _MOST_PLACES = 400  # every place is an unknown of the regression
 
 
 class AeroTable(BaseModel):
-    """C_malpha (1/rad; negative on a stable vehicle) and its 1-sigma uncertainty, by Mach number and alpha (rad).
-
-    Between the places it is linear in each, beyond them it keeps its last value.
-    """
+    """C_malpha (1/rad) and its 1-sigma uncertainty by Mach number and alpha (rad), linear between, constant beyond."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

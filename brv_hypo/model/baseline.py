@@ -88,10 +88,7 @@ class StaticMoment(DesignMoment):
         return tuple(found)
 
     def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
-        """Mean over a motion of the slope (1/rad) that all its terms make together; `values` by term's name.
-
-        Single ones may be anything where polynomials and speed say nearly the same.
-        """
+        """Mean over a motion of the slope (1/rad) that all its terms make together; `values` by term's name."""
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
         slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))

@@ -51,10 +51,7 @@ class Applied(BaseModel):
 
 
 class Model(BaseModel):
-    """What explains the flights: regressors of these mechanisms, components of record effects; `added`: in what order.
-
-    `model + more` has the mechanisms, regressors and effects of both.
-    """
+    """What explains the flights: regressors of mechanisms, and components of record effects, `added` in that order."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -94,10 +91,7 @@ class Model(BaseModel):
         return np.array([not _follows_time(c, self.mechanisms[c.mechanism]) for c in self.columns], dtype=bool)
 
     def tolerated(self, flight: Flight) -> tuple[Mechanism, ...]:
-        """Mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of the baseline.
-
-        What the model has as columns, for all flights, is free or known from elsewhere, and has none.
-        """
+        """Mechanisms whose coefficients have a prior on this flight: of its vehicle, or the baseline; not free ones."""
         free = {column.mechanism for column in self.columns if column.flight is None}
         own = (self.mechanisms[name] for name in TOLERATED if name in self.mechanisms)
         return tuple(mechanism for mechanism in (*nuisance_mechanisms(flight), *own) if mechanism.name not in free)

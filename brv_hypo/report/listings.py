@@ -95,9 +95,7 @@ KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
-    """One row for each mechanism or effect: name, kind, claim; of a process family and title; below the claim the
-    package, where it is another's; `verbose` adds package and source of all, and what a simulation plants of it.
-    """
+    """One row for each: name, kind, claim or process, others' package; `verbose`: source, what is planted."""
     rows = []
     for name, entry in found.items():
         item = entry.item

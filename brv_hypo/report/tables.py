@@ -116,10 +116,7 @@ def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
 
 
 def process_blocks(comparison: Comparison) -> list[Block]:
-    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first.
-
-    The terminal shows those that do not exceed their sigma with -v only, and nothing but that of them.
-    """
+    """One row for each process beside the leader that makes more than `LEAST_PROCESS`; with -v those below sigma."""
     shown = shown_processes(comparison)
     large = [each.size > each.std_error for each in shown]
     rows = [

@@ -39,10 +39,7 @@ def require_matplotlib(what: str = "--figures") -> None:
 
 
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Every chart as `name.png` and `name.svg` in the folder, which is made where it is missing.
-
-    A hyphen stands for what no file name can hold. Raises UsageError where a file exists and is not to be overwritten.
-    """
+    """Every chart as `name.png` and `name.svg` in the folder, made if missing; UsageError for a file that exists."""
     require_matplotlib()
     from brv_hypo.report.figures import chart_figure
 
@@ -92,10 +89,7 @@ def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -
 
 
 def plot(result: Any, chart: str = "") -> Figure:
-    """One chart of a result as a matplotlib figure, by the name that its picture file has; "" for the principal one.
-
-    Raises UsageError where the result has no such chart, or matplotlib is missing.
-    """
+    """One chart of a result as a figure, by its picture file's name, "" for the principal; UsageError for none."""
     require_matplotlib("plot()")
     from brv_hypo.report.figures import chart_figure
 

@@ -173,10 +173,7 @@ def integrate(system: System, state: FloatArray, report: Report = silent) -> Tra
 
 
 def _parts(motion: Motion, step: float) -> int:
-    """Into how many parts a step (s) is cut, by how fast the meridian turns.
-
-    The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
-    """
+    """Into how many parts a step (s) is cut, by how fast the meridian turns where a straight crossflow is least."""
     alpha, turning = motion.alpha, motion.alpha * motion.windward_meridian_rate
     speed_squared = np.maximum(motion.alpha_rate**2 + turning**2, 1e-300)
     ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)

@@ -106,10 +106,7 @@ class Outcome(BaseModel):
 
 
 def effect_size(truth: Truth) -> tuple[float, float]:
-    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.
-
-    What is planted is the moment with the mechanism less the moment without it at the same state.
-    """
+    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts."""
     planted = np.hypot(truth.planted_in_plane, truth.planted_out_of_plane)
     if not truth.planted or not np.any(planted):
         return 0.0, 0.0
