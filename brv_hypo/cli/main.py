@@ -290,16 +290,17 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
-app.command("demo")(flights.demo)
-app.command("simulate")(flights.simulate)
-app.command("reconstruct")(flights.reconstruct)
-app.command("compare")(analyses.compare)
-app.command("trace")(analyses.trace)
-app.command("predict")(analyses.predict)
-app.command("study")(analyses.study)
-app.command("inspect")(flights.inspect)
-app.command("import")(flights.import_)
-app.command("docs")(docs)
+_JUDGING = (analyses.compare, analyses.trace, analyses.predict, analyses.study)
+for _command in (
+    flights.demo,
+    flights.simulate,
+    flights.reconstruct,
+    *_JUDGING,
+    flights.inspect,
+    flights.import_,
+    docs,
+):
+    app.command(_command.__name__.rstrip("_"))(_command)
 app.add_typer(mechanisms_app, name="mechanisms")
 app.add_typer(config_app, name="config")
 

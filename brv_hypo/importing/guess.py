@@ -110,7 +110,8 @@ def _find_time(table: ForeignTable) -> None:
         first = next((name for name in rising if name not in used), rising[0])
         entry = MapEntry(first, "s", "the first column that rises throughout", ("whether this is time",))
         table.entries["time"] = entry
-    possible = rules.time_units(table.values("time"))
+    step, (least, most) = float(np.median(np.diff(table.values("time")))), rules.RATES
+    possible = [unit for unit, size in rules.sizes("time").items() if least <= 1.0 / (step * size) <= most]
     fitting = [unit for unit in possible if unit not in rules.STATED_ONLY]
     if fitting and (entry.units not in possible or "units in the name" not in entry.why):
         doubts = [each for each in entry.unsure if _NOT_STATED not in each]

@@ -154,12 +154,6 @@ def sizes(dimension: Dimension) -> Mapping[str, float]:
     return {unit: float(to_si(1.0, unit, dimension, "units")) for unit in RECORDED[dimension]}
 
 
-def time_units(time: FloatArray) -> tuple[str, ...]:
-    """Units in which the stamps make a rate that recorders have, the likelier first."""
-    step = float(np.median(np.diff(time)))
-    return tuple(unit for unit, size in sizes("time").items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
-
-
 def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
     """Samples from the record's beginning in which every channel (n,) is still; None without. `time` (n,) in s."""
     width = int(np.searchsorted(time, time[0] + REST_SECONDS))

@@ -9,9 +9,6 @@ A plugin is a module that an entry point of the group `brv_hypo.mechanisms` name
 `brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one instance
 of each, with default options.
 
-    # my_package/ablation.py
-    from brv_hypo.mechanisms import Mechanism, Term, hookimpl
-
     class Ablation(Mechanism):
         name, title = "ablation", "moment from uneven ablation"
         claims, source = "out-of-plane moment proportional to alpha", "my report, Eq. 1"
@@ -23,16 +20,10 @@ of each, with default options.
     def brv_hypo_mechanisms():
         return [Ablation()]
 
-    # pyproject.toml
-    [project.entry-points."brv_hypo.mechanisms"]
-    ablation = "my_package.ablation"
-
 Class variables say what else is known of the mechanism. A process is a moment (`shapes`), or an error of the record
-(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. The same hooks give
-processes; `brv-hypo docs mechanism` has examples.
-
-The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
-a package, `brv-hypo mechanisms check NAME` tests one against the contract.
+(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. `brv-hypo docs
+mechanism` has examples, `brv-hypo mechanisms new NAME` writes a package with its entry point, `check NAME` tests it.
+The built-in mechanisms are registered in this way and in no other.
 """
 
 from __future__ import annotations

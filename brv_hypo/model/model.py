@@ -88,7 +88,10 @@ class Model(BaseModel):
     @property
     def lasting(self) -> BoolArray:
         """Which columns do not belong to the times of one record, and mean the same on another (columns,)."""
-        return np.array([not _follows_time(c, self.mechanisms[c.mechanism]) for c in self.columns], dtype=bool)
+        own = (each for each in self.mechanisms.values() if isinstance(each, YamlMechanism))
+        timed = {(each.name, term.name) for each in own for term in each.definition if term.follows_time}
+        constant = (c.time_basis.kind == "constant" and (c.mechanism, c.term) not in timed for c in self.columns)
+        return np.fromiter(constant, dtype=bool)
 
     def tolerated(self, flight: Flight) -> tuple[Mechanism, ...]:
         """Mechanisms whose coefficients have a prior on this flight: of its vehicle, or the baseline; not free ones."""
@@ -114,11 +117,6 @@ class Model(BaseModel):
                 if isinstance(m, YamlMechanism)
             ),
         )
-
-
-def _follows_time(column: Regressor, mechanism: Mechanism) -> bool:
-    terms = mechanism.definition if isinstance(mechanism, YamlMechanism) else ()
-    return column.time_basis.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
 
 
 # ---- Its file ----

@@ -206,6 +206,8 @@ def comparison_document(comparison: Comparison) -> Document:
     further = [(k + 1, [*chain(*flights[k].values()), *functions(k)]) for k in range(1, len(flights))]
     others = [Section(f"Flight {number}", drawn, folded=True) for number, drawn in further]
     known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
+    joined = (row.mechanism for row in ranking if "+" in row.mechanism and row.mechanism not in verdict.probability)
+    idle = [f"{name} is no hypothesis of its own: a part of it does not act." for name in joined]
     names = tables.collinear_names(comparison.collinear_groups)
     collinear = Texts(names, bullets=False, shown="verbose"), Texts(comparison.collinear, tables.PAIRS, shown="page")
     terms = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
@@ -222,7 +224,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ahead=(
             *first["overview"],
             tables.ranking_table(comparison),
-            Texts(tables.idle_texts(comparison), bullets=False),
+            Texts(idle, bullets=False),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
         beside=[

@@ -71,7 +71,11 @@ _NAME = 13  # height of a mark's name, px
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    shared = {"time": chart.over_time, "height": chart_height(chart), "named": chart.named}
+    height = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
+    height += _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
+    if chart.path is not None:
+        height = _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
+    shared = {"time": chart.over_time, "height": height, "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
         histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
@@ -209,14 +213,6 @@ def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
     ]
     spans = [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
     return {"shapes": shapes, "annotations": [*marks, *spans]}
-
-
-def chart_height(chart: Chart) -> int:
-    """Height of the drawn chart, px."""
-    if chart.path is not None:
-        return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
-    drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
-    return drawn + _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
 
 
 def _bits(values: FloatArray) -> dict[str, str]:

@@ -103,12 +103,6 @@ def ranking_table(comparison: Comparison) -> Table:
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
-def idle_texts(comparison: Comparison) -> list[str]:
-    """Which joined hypotheses have no probability of their own, as a part of them does not act."""
-    names = (row.mechanism for row in comparison.ranking if row.mechanism not in comparison.verdict.probability)
-    return [f"{name} is no hypothesis of its own: a part of it does not act." for name in names if "+" in name]
-
-
 def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
     """Those that make more than `LEAST_PROCESS`, largest first; after them those that do not exceed their sigma."""
     large = [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
