@@ -27,6 +27,17 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+MOST_ROWS = 60  # of an HTML view; a data frame has them all
+Row = Mapping[str, Any]
+RENDERERS = "brv_hypo.renderers"
+"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
+_STYLE = (
+    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
+    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
+    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
+    ".brv-hypo p {white-space: pre-line}</style>"
+)
+
 
 def equal_values(one: Any, other: Any) -> bool:
     """True where both are of one type and hold the same, whatever depth it lies at."""
@@ -47,11 +58,6 @@ def equal_values(one: Any, other: Any) -> bool:
     if hasattr(one, "__dict__") and not (isroutine(one) or isclass(one)):
         return equal_values(vars(one), vars(other))  # settings and splines, whose own definitions stop at arrays
     return bool(one == other)
-
-
-MOST_ROWS = 60  # of an HTML view; a data frame has them all
-
-Row = Mapping[str, Any]
 
 
 class Tabular:
@@ -130,10 +136,6 @@ class Histories(Tabular):
         return _html(self.headline(), lines)
 
 
-RENDERERS = "brv_hypo.renderers"
-"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
-
-
 class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
@@ -166,14 +168,6 @@ class HasCharts:
             figure: Figure = found.load()(self, chart)
             return figure
         raise UsageError(f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo.")
-
-
-_STYLE = (
-    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
-    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
-    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
-    ".brv-hypo p {white-space: pre-line}</style>"
-)
 
 
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:

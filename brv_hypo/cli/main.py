@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 
 
 mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+ALONG = {
+    "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
+    "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
+    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
+}
+"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
+comments, by name and folder; and the command that reads them."""
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
+RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @mechanisms_app.callback()
@@ -119,16 +128,6 @@ def check(
 
 
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
-
-ALONG = {
-    "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
-    "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
-    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
-}
-"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
-comments, by name and folder; and the command that reads them."""
-KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
-RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @config_app.callback()

@@ -52,6 +52,19 @@ if TYPE_CHECKING:
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
 _closed: set[str] = set()  # streams that the shell had closed
+GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
+ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
+LINE = "brv-hypo: {}; no half-written output is left"
+_unwinds = False
+_signal: int | None = None  # that arrived
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
+STAGE_SECONDS = 10.0  # between lines of one stage
+LONG_SECONDS = 20.0  # what takes longer says so beforehand
+_TOLERANCES = (
+    "Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, a YAML "
+    "file, or opportunity."
+)
 
 
 def ready() -> None:
@@ -80,14 +93,6 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
         written += "^" if raised and not before else ""
         written += unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
     return written, error.end
-
-
-GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
-ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
-LINE = "brv-hypo: {}; no half-written output is left"
-
-_unwinds = False
-_signal: int | None = None  # that arrived
 
 
 class Signalled(KeyboardInterrupt):
@@ -147,8 +152,6 @@ def _leave(code: int, word: str) -> None:
     os._exit(code)
 
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
-
 P = ParamSpec("P")
 
 
@@ -190,10 +193,6 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 def _end(message: str, code: int) -> None:
     typer.echo(printable(message), err=True)
     raise typer.Exit(code) from None
-
-
-LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
-STAGE_SECONDS = 10.0  # between lines of one stage
 
 
 @contextmanager
@@ -267,13 +266,6 @@ AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a reco
 Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 
 
-LONG_SECONDS = 20.0  # what takes longer says so beforehand
-_TOLERANCES = (
-    "Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, a YAML "
-    "file, or opportunity."
-)
-
-
 @dataclass(frozen=True)
 class Session:
     """How one command talks: what was asked of the common options."""
@@ -342,9 +334,9 @@ class Session:
         if self.json_only or (self.quiet and not conclusion):
             return
         from brv_hypo.report.document import Document, Table, Texts
-        from brv_hypo.report.terminal import blocks_view, plain_console, terminal_view
+        from brv_hypo.report.terminal import PlainConsole, blocks_view, terminal_view
 
-        console = plain_console()
+        console = PlainConsole()
         for part in (conclusion,) if self.quiet else parts:
             if isinstance(part, Document):
                 console.print(terminal_view(part, verbose=self.verbose))

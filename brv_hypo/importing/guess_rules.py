@@ -25,6 +25,13 @@ from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.io.binary import ColumnTable
 
+REST_SECONDS = 0.1
+STILL = 0.03  # of a channel's whole spread: what is left of it at rest
+WITHIN = 0.06  # relative: a factor is taken for that of units
+RATES = (0.5, 2e4)  # Hz that a recorder may have
+STATED_ONLY = frozenset(("min", "hour", "day"))  # units of time that no rate suggests: their name has to say so
+FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
+
 
 def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     """An axis in units of a rate: roll_dps, Pitch [deg/s]."""
@@ -138,14 +145,6 @@ def _axis_of(words: Sequence[str]) -> str | None:
             if axis >= 0 and (word[:-1] in stems or (len(word) == 1 and stems & beside)):
                 return channels[axis]
     return None
-
-
-REST_SECONDS = 0.1
-STILL = 0.03  # of a channel's whole spread: what is left of it at rest
-WITHIN = 0.06  # relative: a factor is taken for that of units
-RATES = (0.5, 2e4)  # Hz that a recorder may have
-STATED_ONLY = frozenset(("min", "hour", "day"))  # units of time that no rate suggests: their name has to say so
-FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
 
 
 @cache

@@ -74,6 +74,7 @@ DECIMATED_STOP_DECIBEL = 60.0  # by which the filter stops
 DECIMATED_REACH = 12.0  # samples of the new rate: half the length of such a filter, and more
 DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples that are there
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
+Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
 def together(first: Channels, further: Sequence[Channels]) -> tuple[Channels, list[str]]:
@@ -208,9 +209,6 @@ def take_out_biases(
     y, z = np.minimum(across, GRAVITY * PAD_LEANING).tolist()
     along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
     return changed, rest, {"accel_bias": (along, y, z)}, notes
-
-
-Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
 def ascent(

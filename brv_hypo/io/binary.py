@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import h5py
 
 DEEPEST = 8  # groups below groups, structs below structs
+MOST_COLUMNS = 10_000  # whose names are kept
+MOST_CHANNELS = 1000  # columns of a matrix
 
 
 @dataclass(frozen=True)
@@ -166,10 +168,6 @@ def _write_group(group: h5py.Group, tree: Tree) -> None:
 
 
 # ---- Columns of Parquet and MATLAB files by name ----
-
-
-MOST_COLUMNS = 10_000  # whose names are kept
-MOST_CHANNELS = 1000  # columns of a matrix
 
 
 @dataclass(frozen=True)

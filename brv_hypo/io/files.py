@@ -30,6 +30,21 @@ from brv_hypo.io.text import meant
 
 _KINDS = {"-": "a file", "d": "a directory", "p": "a pipe", "c": "a device", "b": "a device", "s": "a socket"}
 """By the letter that `ls -l` has for it."""
+SUFFIX = ".partial"
+_REMEDIES = {
+    errno.ENOSPC: "The medium is full. Free some room, or choose another place.",
+    errno.EDQUOT: "The quota is used up. Free some room, or choose another place.",
+    errno.EROFS: "The medium is read-only. Choose another place.",
+    errno.EFBIG: "The file would be too large here. Choose another place.",
+    errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
+    errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "There is no permission. Choose another place."),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A file stands where a folder is needed. Choose another place."),
+}
+# Temporaries that this process has open: removed at once where it must end without unwinding.
+_open: set[Path] = set()
+# An installed wheel carries the configurations inside the package, a checkout beside it.
+_HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents[1:3])
 
 
 def kind_of(path: str | Path) -> str | None:
@@ -79,21 +94,6 @@ def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
             f"{path}: cannot be read: byte {failure.start} is not UTF-8 text, expected {expected}. "
             "Likely cause: a binary file, or another encoding. Remedy: save it as UTF-8."
         ) from None
-
-
-SUFFIX = ".partial"
-_REMEDIES = {
-    errno.ENOSPC: "The medium is full. Free some room, or choose another place.",
-    errno.EDQUOT: "The quota is used up. Free some room, or choose another place.",
-    errno.EROFS: "The medium is read-only. Choose another place.",
-    errno.EFBIG: "The file would be too large here. Choose another place.",
-    errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
-    errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
-    **dict.fromkeys((errno.EACCES, errno.EPERM), "There is no permission. Choose another place."),
-    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A file stands where a folder is needed. Choose another place."),
-}
-# Temporaries that this process has open: removed at once where it must end without unwinding.
-_open: set[Path] = set()
 
 
 def check_target(path: str | Path, *, overwrite: bool) -> None:
@@ -198,10 +198,6 @@ def _is_alive(process: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     return True
-
-
-# An installed wheel carries the configurations inside the package, a checkout beside it.
-_HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents[1:3])
 
 
 def config_names(folder: str = "") -> tuple[str, ...]:

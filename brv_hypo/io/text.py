@@ -19,6 +19,10 @@ from brv_hypo.errors import FlightRecordError
 LONGEST_LINE = 300  # characters kept of a title or of another text that belongs on one line
 # Marks that reverse the order of what follows, and separators that begin a new line.
 _REORDERING = frozenset("\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+NOT_A_NUMBER = "–"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
+"""Numbers from the one to below the other are written without an exponent."""
 
 
 def printable(text: str) -> str:
@@ -80,11 +84,6 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 # ---- How numbers are written ----
-
-NOT_A_NUMBER = "–"
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
-"""Numbers from the one to below the other are written without an exponent."""
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -33,6 +33,7 @@ _SLOW, _FAST = 0.05, 0.012  # crossflow amplitudes of the two epicyclic arms; un
 _SLOW_RATE, _FAST_RATE = 7.3, -11.9  # rad/s
 _FORCE_SLOPE, _MOMENT_SLOPE = 2.0, -0.3  # 1/rad
 _SHORT = 60  # samples where few will do
+Checks = tuple[Callable[[Any], None], ...]
 
 
 def sample_motion(time: FloatArray) -> Motion:
@@ -436,9 +437,6 @@ def multiplies_shapes_by_splines(process: Process) -> None:
     products = np.array([shape * splines[..., k] for shape in shapes for k in range(process.splines)])
     same = len(columns) == len(products) and np.allclose(columns[:, 0] + 1j * columns[:, 1], products)
     expect(same, "its terms are not its shapes times the splines: write `shapes`, and no `terms`")
-
-
-Checks = tuple[Callable[[Any], None], ...]
 
 
 def _of_a_process(item: Mechanism | RecordEffect) -> Checks:

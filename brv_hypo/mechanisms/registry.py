@@ -45,6 +45,7 @@ HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
 
 Item = Mechanism | RecordEffect
 Found = tuple[list[Item], list[str]]
+_files: tuple[str, ...] = ()
 
 
 def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
@@ -106,9 +107,6 @@ def _check(item: Any, plugin: str, package: str) -> None:
         except Nonconformity as broken:
             name = getattr(item, "name", plugin)
             raise fault(name, package, str(broken), unchecked(item).__class__) from None
-
-
-_files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.smoother import BENT
 
 BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do
+Quantity = Literal["time", "mach", "speed"]
 
 
 def static_terms(motion: Motion) -> tuple[Term, Term]:
@@ -131,9 +132,6 @@ class PitchDamping(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: C_mq."""
         return (pitch_damping_term(motion),)
-
-
-Quantity = Literal["time", "mach", "speed"]
 
 
 class StaticBend(DesignMoment):

@@ -21,6 +21,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 
+BASELINE = "baseline"
+Theta = tuple[tuple[str, float], ...]
+
 
 @dataclass(frozen=True)
 class TimeBasis:
@@ -50,8 +53,6 @@ class TimeBasis:
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
 
 
-BASELINE = "baseline"
-Theta = tuple[tuple[str, float], ...]
 Choice = tuple[str, str | None, Theta, TimeBasis, int | None]
 
 

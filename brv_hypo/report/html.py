@@ -67,6 +67,10 @@ _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": 
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
+_WHOLE = 9  # a table of more columns takes the whole width of the page
+_NARROW = 4  # a table of more columns does not fit a third of it
+_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
+"""What is typed in one piece: text between backticks, and options."""
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
@@ -232,11 +236,6 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 
 
 # ---- The page: templates in `page/`, and what they need ----
-
-_WHOLE = 9  # a table of more columns takes the whole width of the page
-_NARROW = 4  # a table of more columns does not fit a third of it
-_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
-"""What is typed in one piece: text between backticks, and options."""
 
 
 def page(document: Document, provenance: Mapping[str, str] = {}) -> str:

@@ -20,6 +20,8 @@ from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.simulation.config import PlantedConfig
 
 NOTES = 5  # notes on how the record was made that the terminal shows; all of them with -v
+KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
+"""In the order of the list: what `compare` takes if nothing is named comes first."""
 
 
 def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]:
@@ -88,10 +90,6 @@ def _units(channel: ChannelQuality) -> str:
 def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any]:
     """The same as data for JSON."""
     return {"schema": "brv-hypo/inspect/1", **asdict(inspection), "record": asdict(trial)}
-
-
-KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
-"""In the order of the list: what `compare` takes if nothing is named comes first."""
 
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:

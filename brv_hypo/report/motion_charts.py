@@ -41,6 +41,23 @@ _FAR = 3.0  # times the width of the bulk that all values take, beyond which the
 _BESIDE = 0.5  # widths of the bulk that are shown on both sides of it then
 _FAR_WIDER = 5.0
 """Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
+IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
+BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
+TIME = "time, s"
+_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
+COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
+_SHARE, _MARGIN = 0.98, 2.0
+"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
+_WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
+_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
+_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
+_ERRORS = 12  # of the record, that are drawn
+_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
+_MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
+_SEGMENT = 512  # samples of a segment of a spectrum, at most
+STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
 def framed(panel: Panel, floor: float = -np.inf) -> Panel:
@@ -84,23 +101,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
     values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
-
-
-IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
-BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
-TIME = "time, s"
-_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
-COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
-_SHARE, _MARGIN = 0.98, 2.0
-"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
-_WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
-_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
-_APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
-_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
-_ERRORS = 12  # of the record, that are drawn
-_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
-_MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
-_SEGMENT = 512  # samples of a segment of a spectrum, at most
 
 
 def scale_of(*moments: FloatArray) -> tuple[float, str]:
@@ -314,10 +314,6 @@ def estimate(
 ) -> list[Band | Line]:
     """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
-
-
-STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
-DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
 def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str, read: str = "") -> Chart:

@@ -127,21 +127,15 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
-    kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
-    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
-    return [table, Texts((*kin, *_one_drift(comparison)), bullets=False), Texts(mean, bullets=False, shown="page")]
-
-
-def _one_drift(comparison: Comparison) -> list[str]:
-    """Processes of instruments or air, of one family and unit, of which one is shown: one drift may be either."""
-    said = []
-    for each in shown_processes(comparison):
+    said = [KIN] if any(row["unit"] == "C_m" for row in rows) else []
+    for each in shown:  # of instruments or air: others of its family and unit may be the same drift
         kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
         if not each.is_of_moment and len(kin) > 1:
-            said.append(
-                f"{' and '.join(sorted(kin))} may be one drift ({each.family}): the data may give it to either."
-            )
-    return list(dict.fromkeys(said))
+            one = f"{' and '.join(sorted(kin))} may be one drift ({each.family})"
+            said.append(f"{one}: the data may give it to either.")
+    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
+    texts = Texts(list(dict.fromkeys(said)), bullets=False)
+    return [table, texts, Texts(mean, bullets=False, shown="page")]
 
 
 def process_texts(comparison: Comparison) -> list[Texts]:

@@ -98,15 +98,13 @@ class Fitted:
         return min(widest, max(_LEAST_TEXT, cell_len(name))) if name in self.block.words else widest
 
 
-class _PlainConsole(Console):
-    """A console on which no text, wherever it comes from, acts as a control code."""
+class PlainConsole(Console):
+    """Standard output for readers, on which no text, wherever it comes from, is markup or acts as a control code."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, markup=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """As the base class, each piece of text made printable."""
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else printable(text), style, control)
-
-
-def plain_console() -> Console:
-    """Standard output for human readers: nothing in a text is markup, or more than text."""
-    return _PlainConsole(highlight=False, markup=False)

@@ -41,6 +41,27 @@ STATIC_TRACED = (
     "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
     "process, may differ."
 )
+LEAST_FAMILY = 0.005  # of a residual, which is worth a word
+NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
+CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
+_STOPPED = {
+    "white": "The residual is noise.",
+    "nothing significant": "No effect explains more.",
+    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
+    "limit": "",
+}
+"""Why the loop stopped, where that says something of the flight."""
+_ERRORS = (
+    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
+    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
+)
+COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
+HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
+FITTED_WORSE = (
+    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
+    "than the frozen one is."
+)
+WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -113,22 +134,6 @@ def _history_text(history: ProcessHistory) -> str:
         where = f"Mach {number(history.mach[k])}, alpha {number(np.degrees(history.alpha_rad[k]), 2)}°"
         places.append(f"{value} at {history.time_s[k]:.2f} s ({where})")
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
-
-
-LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
-CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
-_STOPPED = {
-    "white": "The residual is noise.",
-    "nothing significant": "No effect explains more.",
-    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
-    "limit": "",
-}
-"""Why the loop stopped, where that says something of the flight."""
-_ERRORS = (
-    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
-    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
-)
 
 
 def trace_document(result: Trace) -> Document:
@@ -316,15 +321,6 @@ def outcome_text(step: Step) -> str:
     if step.doubts:
         text += f". It is a hint since {', and '.join(step.doubts)}"
     return text
-
-
-COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
-HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
-FITTED_WORSE = (
-    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
-    "than the frozen one is."
-)
-WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def prediction_document(result: Prediction) -> Document:

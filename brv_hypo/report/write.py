@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 
 RESOLUTION = 200  # dots per inch of PNG files
+PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
+"""The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
 
 def require_matplotlib(what: str = "--figures") -> None:
@@ -52,10 +54,6 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     for path, chart in wanted.items():
         write_whole(path, chart_figure(chart).content(path.suffix[1:], RESOLUTION))
     return tuple(wanted)
-
-
-PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
-"""The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
 
 @singledispatch

@@ -23,6 +23,9 @@ from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
+_GAUGES = ("velocity", "dynamic_pressure", "altitude")
+# Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
+_STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}
 
 
 def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
@@ -110,11 +113,6 @@ def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list
     """One draw for each 1-sigma size, from the stream of that name."""
     draws = np.random.default_rng([seed, *name.encode()])
     return [float(value) for value in factor * np.asarray(sizes) * draws.standard_normal(len(sizes))]
-
-
-_GAUGES = ("velocity", "dynamic_pressure", "altitude")
-# Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
-_STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}
 
 
 def recorded(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConfig, seed: int) -> Record:

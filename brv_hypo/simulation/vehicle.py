@@ -26,6 +26,10 @@ from brv_hypo.model.term import TimeBasis, summed
 from brv_hypo.motion.motion import Motion, angle_rates, body_from_plane, nearest_turn, windward_meridian
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 
+POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
+STATES = 13
+EARTH_RADIUS = 6.371e6
+
 
 def attitude_matrix(attitude: FloatArray) -> FloatArray:
     """Body to frame, (3, 3, ...); scale of the quaternion drops out, so that stages need no normalising."""
@@ -148,11 +152,6 @@ def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple
         time_basis = TimeBasis(entry.kind, **{name: end for name, end in ends.items() if end is not None})
         found.append(Planted(mechanism, entry.theta, entry.terms, time_basis))
     return tuple(found)
-
-
-POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
-STATES = 13
-EARTH_RADIUS = 6.371e6
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Sec
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
 
 Corruption = Callable[[Record, np.random.Generator], Record]
+NONE = "none"
+FAULTS = 1  # number of the stream that faults are drawn from
 
 
 @dataclass(frozen=True)
@@ -153,9 +155,6 @@ def _samples(record: Record, seconds: float) -> int:
 # ---- The schema of a study ----
 
 
-NONE = "none"
-
-
 def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if span[0] > span[1]:
         raise ValueError("the lower end comes first")
@@ -259,9 +258,6 @@ def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides
     """The study of a mapping, a YAML file or a name that comes along, under `overrides`; or UsageError."""
     file = config_path(source, "studies") if isinstance(source, str | Path) else source
     return settings_of(StudyConfig, file, overrides)
-
-
-FAULTS = 1  # number of the stream that faults are drawn from
 
 
 class Draw(Section):

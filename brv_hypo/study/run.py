@@ -48,6 +48,20 @@ from brv_hypo.study.config import (
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 Work = TypeVar("Work")
 Result = TypeVar("Result")
+FLIGHTS = "flights.db"
+# The lock is taken once, and held until the database is closed.
+_BEGIN = """
+PRAGMA locking_mode = EXCLUSIVE;
+PRAGMA synchronous = FULL;
+BEGIN EXCLUSIVE;
+CREATE TABLE IF NOT EXISTS study (settings TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS flights (key TEXT PRIMARY KEY, outcome TEXT NOT NULL);
+COMMIT;
+"""
+# A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.
+_FREE = {"title", "flights", "visible_effect"}
+PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
+CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
 class Outcome(BaseModel):
@@ -155,20 +169,6 @@ def _reason(error: Exception) -> str:
     return str(error) if isinstance(error, BrvHypoError) else f"fault, {type(error).__name__}: {error}"
 
 
-FLIGHTS = "flights.db"
-# The lock is taken once, and held until the database is closed.
-_BEGIN = """
-PRAGMA locking_mode = EXCLUSIVE;
-PRAGMA synchronous = FULL;
-BEGIN EXCLUSIVE;
-CREATE TABLE IF NOT EXISTS study (settings TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS flights (key TEXT PRIMARY KEY, outcome TEXT NOT NULL);
-COMMIT;
-"""
-# A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.
-_FREE = {"title", "flights", "visible_effect"}
-
-
 class Store:
     """The outcomes of one study in its folder."""
 
@@ -258,10 +258,6 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
         for outcome in outcomes
     ]
     return pd.DataFrame(rows).to_csv(index=False)
-
-
-PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
-CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
 @takes_settings(

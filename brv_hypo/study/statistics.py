@@ -26,6 +26,7 @@ CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
 LEAST = 1e-6  # probability that a log loss counts
 FEWEST = 5  # flights that a detection limit needs
+Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend", "too few"]
 
 
 class Statistic(BaseModel):
@@ -127,9 +128,6 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
         brier=float(np.mean(scores)) if judged else None,
         log_loss=float(np.mean([-np.log(max(o.probability[o.planted], LEAST)) for o in judged])) if judged else None,
     )
-
-
-Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend", "too few"]
 
 
 class DetectionLimit(Statistic):

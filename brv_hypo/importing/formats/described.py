@@ -52,6 +52,10 @@ LOGGERS = {
         "T: time ms; FAlt: altitude ft; Filt_Alt: altitude ft; FVeloc: velocity ft/s",
     ),
 }
+LONGEST_LABEL = 1 << 20  # bytes
+STATEMENT = re.compile(r'^[ \t]*(\^?\w+)[ \t]*=[ \t]*("[^"]*"|\([^)]*\)|[^\r\n]*)', re.MULTILINE)
+UNITS = {"SECOND": "s", "SECONDS": "s", "GRAVITY": "g", "METER": "m", "METERS": "m", "KILOMETER": "km"}
+MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
 
 
 def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
@@ -76,12 +80,6 @@ def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
 
 
 # ---- Tables of the Planetary Data System ----
-
-
-LONGEST_LABEL = 1 << 20  # bytes
-STATEMENT = re.compile(r'^[ \t]*(\^?\w+)[ \t]*=[ \t]*("[^"]*"|\([^)]*\)|[^\r\n]*)', re.MULTILINE)
-UNITS = {"SECOND": "s", "SECONDS": "s", "GRAVITY": "g", "METER": "m", "METERS": "m", "KILOMETER": "km"}
-MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
 
 
 def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
