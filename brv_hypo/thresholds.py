@@ -19,8 +19,7 @@ class Threshold:
     """One entry of the table."""
 
     value: float | tuple[float, ...]  # the number, in `unit`
-    unit: str
-    """Unit, or what the number counts; "1" of a ratio."""
+    unit: str  # or what the number counts; "1" of a ratio
     decides: str  # what is concluded where the threshold is crossed
     source: str  # paper, study or test that set it
 

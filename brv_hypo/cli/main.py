@@ -210,14 +210,13 @@ def docs(
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
-    from brv_hypo.docs import text, topics
+    from brv_hypo.docs import REFERENCE, text, topics
 
     if notebooks is not None:
         _write_notebooks(session, notebooks)
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
-        from brv_hypo.docs import REFERENCE
         from brv_hypo.docs.manual import ManualText, reference
 
         known = {**topics(), REFERENCE: "Functions of the library"}

@@ -82,11 +82,8 @@ def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
     """A column that its name gives to a channel or property, in the units of the table or its name, or SI."""
     if units := stated_units(column, table.read, dimension):
         return MapEntry(column, units, "by name, units in the name")
-    return MapEntry(column, SI[dimension], "by name", (_not_stated(column, SI[dimension]),))
-
-
-def _not_stated(column: str, units: str) -> str:
-    return f"units of {column} are {_NOT_STATED}: {units} is a guess"
+    doubt = f"units of {column} are {_NOT_STATED}: {SI[dimension]} is a guess"
+    return MapEntry(column, SI[dimension], "by name", (doubt,))
 
 
 def _sure(table: ForeignTable, channel: str, units: str, why: str) -> None:
@@ -159,7 +156,7 @@ def _by_range(table: ForeignTable) -> None:
     doubtful = [n for n in GYROS if n in table.entries and any(_NOT_STATED in each for each in table.entries[n].unsure)]
     most = max((float(np.nanmax(np.abs(table.values(name)))) for name in doubtful), default=0.0)
     for name in doubtful if most > rules.FASTEST_RADIANS else ():
-        doubt = _not_stated(table.entries[name].column, "deg/s")
+        doubt = f"units of {table.entries[name].column} are {_NOT_STATED}: deg/s is a guess"
         table.change(name, f"deg/s by range (up to {most:.3g})", units="deg/s", unsure=(doubt,))
 
 

@@ -66,6 +66,7 @@ def _in_order(span: tuple[float, float]) -> tuple[float, float]:
 
 Row = tuple[float, float, float]
 Rows = tuple[Row, Row, Row]
+Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 def _rotation(entry: str | Rows | None) -> Any:
@@ -83,9 +84,6 @@ def _rotation(entry: str | Rows | None) -> Any:
     if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) or np.linalg.det(matrix) < 0.0:
         raise ValueError("a rotation: rows of length 1, perpendicular and right-handed (a scale of -1 mirrors)")
     return tuple(map(tuple, matrix.tolist()))
-
-
-Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 class _Entry(BaseModel):

@@ -32,9 +32,7 @@ READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF
 LONGEST_READ_SECONDS = 120.0  # by the clock, for a medium that does not answer
 MEMORY_BUDGETS = 3  # how many times the budget of values may be taken to read them
 SPARE_BYTES = 256 << 20
-
 _PROGRAM = "from brv_hypo.io.sandbox import serve; serve()"
-
 Content = TypeVar("Content")
 
 

@@ -26,7 +26,6 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.motion.motion import Motion
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
-
 _ENGINE = Path(__file__).resolve().parents[1]
 
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)

@@ -46,9 +46,7 @@ from brv_hypo.motion.motion import Motion
 
 ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
 hookimpl = pluggy.HookimplMarker("brv_hypo")
-
 TimeVariation = Literal["constant", "jump", "ramp"]
-
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
 """What kind of thing a record effect or a process is."""
 
@@ -146,7 +144,6 @@ class Mechanism(BaseModel, ABC):
     """What the net coefficient of a term can be on any body, by term: a fraction lies in [0, 1]."""
     wind_fixed: ClassVar[bool] = False
     """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
-
     follows: ClassVar[Literal["mach", "reynolds"] | None] = None
     """The quantity whose schedule the terms are, which comes before jumps in time. A model that takes in one by Mach
     number has that schedule, smooth, from then on."""

@@ -162,8 +162,7 @@ class YamlMechanism(Mechanism):
 
 def mechanism_of(content: MechanismFile) -> YamlMechanism:
     """The mechanism that a file's content defines."""
-    labels = content.model_dump(include={"name", "title", "claims", "source"})
-    return YamlMechanism(definition=content.terms, **labels)
+    return YamlMechanism(definition=content.terms, **content.model_dump(include={"name", "title", "claims", "source"}))
 
 
 def is_mechanism_file(name: str) -> bool:

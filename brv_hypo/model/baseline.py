@@ -168,8 +168,6 @@ class StaticBend(DesignMoment):
 # cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
 # 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can
 # tell for other effects.
-
-
 SCHEDULE_LENGTH = 0.7
 SCHEDULE_SMALLEST = 3e-3  # of the first term's prior, below which a term says nothing
 SCHEDULE_NOTHING = 1e-3  # of the process's own size, the same

@@ -303,8 +303,9 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     groups = comparison.collinear_groups if leads else ()
     values, changes = f"Net values of {name}", f"{name}: jumps and ramps, to be read together"
     net = [value for each in row.intervals for value in each.values]
+    setting = _setting(comparison, place, _own_knots(row, place, comparison.flights[place]))
     blocks: list[Block] = [
-        _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
+        _coefficients(setting, row),
         tables.term_table(values, net, "verbose" if leads else "page", row.knots),
         tables.term_table(changes, row.terms, knots=row.knots, collinear=groups),
         *([] if leads else [tables.knot_table(comparison, row)]),

@@ -33,12 +33,9 @@ from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, wi
 from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
 
 FASTEST_TURNING = 1000.0  # rad/s, of any body rate: beyond it a motion diverges
-# Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
-_ASIDE = 1e-10
-_SAME = 1e-9
-# Angle (rad) by which the meridian may turn in one step, and into how many parts a step is cut at most.
-_TURN = 0.1
-_MOST_PARTS = 64
+_ASIDE = 1e-10  # s by which a stage steps aside from a jump, to see the moments on its own side of it
+_SAME = 1e-9  # s between two times that are one
+_TURN, _MOST_PARTS = 0.1, 64  # rad by which the meridian may turn in one step; parts of a step, at most
 
 
 class Trajectory:
