@@ -266,9 +266,9 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
 
 def size_table(comparison: Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
-    sizes = comparison.best_by_size
     rows = [
-        {"terms": str(s.n_terms), "C_p": number(s.cp), "best": ", ".join(s.terms) or "baseline only"} for s in sizes
+        {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
+        for each in comparison.best_by_size
     ]
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
