@@ -24,13 +24,12 @@ class NullIsNaN(BaseModel):
         if not isinstance(data, dict):
             return data
         read = dict(data)
-        for name, field in cls.model_fields.items():
-            if name not in read:
-                continue
-            if field.annotation is float and read[name] is None:
+        for name, value in data.items():
+            kind = cls.model_fields[name].annotation if name in cls.model_fields else None
+            if kind is float and value is None:
                 read[name] = float("nan")
-            elif field.annotation == dict[str, float] and isinstance(read[name], dict):
-                read[name] = {key: float("nan") if each is None else each for key, each in read[name].items()}
+            elif kind == dict[str, float] and isinstance(value, dict):
+                read[name] = {key: float("nan") if each is None else each for key, each in value.items()}
         return read
 
     def __eq__(self, other: object) -> bool:
@@ -59,14 +58,10 @@ class Result(NullIsNaN, Tabular):
 
     @classmethod
     def from_json(cls, source: str | Path) -> Self:
-        """The result that `to_json`, or a command with `--json`, wrote: its text, or the path of the file.
-
-        Raises UsageError where it is not one.
-        """
+        """The result in the text that `to_json` or `--json` wrote, or in a file of it; UsageError where it is none."""
         try:
-            if isinstance(source, str) and source.lstrip().startswith("{"):
-                return cls.model_validate_json(source)
-            return cls.model_validate_json(Path(source).read_text(encoding="utf-8"))
+            is_json = isinstance(source, str) and source.lstrip().startswith("{")
+            return cls.model_validate_json(str(source) if is_json else Path(source).read_text(encoding="utf-8"))
         except ValueError as error:
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {str(error).splitlines()[0]}.") from None
         except OSError as error:

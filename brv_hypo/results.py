@@ -27,6 +27,17 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+MOST_ROWS = 60  # of an HTML view; a data frame has them all
+Row = Mapping[str, Any]
+RENDERERS = "brv_hypo.renderers"
+"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
+_STYLE = (
+    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
+    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
+    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
+    ".brv-hypo p {white-space: pre-line}</style>"
+)
+
 
 def equal_values(one: Any, other: Any) -> bool:
     """True where both are of one type and hold the same, whatever depth it lies at."""
@@ -47,14 +58,6 @@ def equal_values(one: Any, other: Any) -> bool:
     if hasattr(one, "__dict__") and not (isroutine(one) or isclass(one)):
         return equal_values(vars(one), vars(other))  # settings and splines, whose own definitions stop at arrays
     return bool(one == other)
-
-
-# ---- What every result can do for a reader: a short repr, an HTML view, a data frame, charts ----
-
-MOST_ROWS = 60
-"""Rows of an HTML view; a data frame has them all."""
-
-Row = Mapping[str, Any]
 
 
 class Tabular:
@@ -79,10 +82,7 @@ class Tabular:
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """The rows as a labelled data set with units, over the dimension "row" or the data frame's index.
-
-        Raises UsageError where xarray is not installed.
-        """
+        """The rows as a labelled data set with units, over "row" or the frame's index; UsageError without xarray."""
         _needed("xarray", "to_xarray()", "xarray")
         frame = self.to_dataframe()
         data = frame.to_xarray() if frame.index.name else frame.rename_axis("row").to_xarray().drop_vars("row")
@@ -136,10 +136,6 @@ class Histories(Tabular):
         return _html(self.headline(), lines)
 
 
-RENDERERS = "brv_hypo.renderers"
-"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
-
-
 class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
@@ -168,32 +164,18 @@ class HasCharts:
         >>> flown.flight.plot("rates").axes[-1].get_xlabel()
         'time, s'
         """
-        found = next(iter(entry_points(group=RENDERERS)), None)
-        if found is None:
-            raise UsageError(
-                f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo."
-            )
-        figure: Figure = found.load()(self, chart)
-        return figure
-
-
-_STYLE = (
-    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
-    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
-    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
-    ".brv-hypo p {white-space: pre-line}</style>"
-)
+        for found in entry_points(group=RENDERERS):
+            figure: Figure = found.load()(self, chart)
+            return figure
+        raise UsageError(f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo.")
 
 
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) + "</tr>"
-        for row in rows[:MOST_ROWS]
-    )
+    cells = ("".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) for row in rows[:MOST_ROWS])
+    table = f"<table>{''.join(f'<tr>{each}</tr>' for each in (head, *cells))}</table>"
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
     said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
-    table = f"<table><tr>{head}</tr>{body}</table>"
     return f'{_STYLE}<div class="brv-hypo"><p><b>{escape(headline)}</b></p>{said}{table}{more}</div>'
 
 

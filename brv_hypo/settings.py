@@ -27,27 +27,19 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def settings_of(
     model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None, keywords: Mapping[str, Any] = {}
 ) -> Settings:
-    """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; `keywords` go over them.
-
-    Raises UsageError that names each wrong setting, what it holds and what is expected.
-    """
-    where = "the settings"
-    content: Mapping[str, Any]
+    """Settings as they are, of a mapping or YAML file, or defaults (None), under `keywords`; UsageError if wrong."""
+    if isinstance(source, model) and not keywords:
+        return source
+    where, content = "the settings", dict[str, Any]()
     if isinstance(source, model):
-        if not keywords:
-            return source
         content = {name: getattr(source, name) for name in source.model_fields_set}
     elif isinstance(source, Mapping):
-        content = source
-    elif source is None:
-        content = {}
+        content = dict(source)
     elif isinstance(source, str | Path):
         content, where = read_yaml(source, "settings"), f"the settings in {source}"
-    else:
-        raise UsageError(
-            f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or "
-            "the path of a YAML file."
-        )
+    elif source is not None:
+        expected = f"a {model.__name__}, a mapping of its fields, or the path of a YAML file"
+        raise UsageError(f"got settings of type {type(source).__name__}, expected {expected}.")
     try:
         return model.model_validate({**content, **keywords})
     except ValidationError as error:
@@ -62,15 +54,12 @@ def problems_of(
     hint: Callable[[Sequence[str | int]], str] = lambda place: "",
     model: type[BaseModel] | None = None,
 ) -> str:
-    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is.
-
-    Of a tuple with a wrong element pydantic says besides that it is too short, which is left out.
-    """
+    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is."""
     found, places = [], {detail["loc"] for detail in error.errors()}
     for detail in error.errors():
         location, value = detail["loc"], detail["input"]
         place = ".".join(str(part) for part in location) or "the whole"
-        if any(location == each[: len(location)] != each for each in places):
+        if any(location == each[: len(location)] != each for each in places):  # of a tuple with a wrong element
             continue
         if detail["type"] == "missing":
             found.append(f"'{place}' is missing")
@@ -78,18 +67,14 @@ def problems_of(
             meaning = hint(location)
             found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
         else:
-            text = "" if isinstance(value, dict) else one_line(repr(value))
-            got = (
-                f", got an object of type {type(value).__name__}"
-                if " at 0x" in text
-                else f", got {text}"
-                if text
-                else ""
-            )
-            field = None if model is None or not location else model.model_fields.get(str(location[0]))
+            text = one_line(repr(value))
+            got = f", got {f'an object of type {type(value).__name__}' if ' at 0x' in text else text}"
+            fields = {} if model is None else model.model_fields
+            field = fields.get(str(location[0])) if location else None
             words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
             about = f" ({location[0]}: {words})" if words else ""
-            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}{about}")
+            message = detail["msg"].removeprefix("Value error, ")
+            found.append(f"'{place}': {message}{'' if isinstance(value, dict) else got}{about}")
     return "; ".join(found)
 
 

@@ -1,15 +1,7 @@
 """For plugin authors: the conformance kit, and flights on which a mechanism or an effect is planted and looked for.
 
-    from brv_hypo.testing import check_mechanism, plant, recover
-
-    def test_is_recovered():
-        flown = plant("uneven_ablation", {"k": 0.01})
-        assert recover(flown, "uneven_ablation").verdict.winner == "uneven_ablation"
-
-    def test_keeps_the_contract():
-        check_mechanism(UnevenAblation())
-
-To be planted the plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_files`.
+`brv-hypo docs mechanism` and `docs effect` have examples. To be planted the plugin must be installed, or loaded with
+`brv_hypo.mechanisms.use_plugin_files`.
 """
 
 from __future__ import annotations
@@ -18,9 +10,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
-from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
-from brv_hypo.mechanisms import Mechanism, RecordEffect, find_installed
+from brv_hypo.mechanisms import Mechanism, RecordEffect
 from brv_hypo.mechanisms.conformance import EFFECT_CHECKS as EFFECT_CHECKS
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS as MECHANISM_CHECKS
 from brv_hypo.mechanisms.conformance import Nonconformity as Nonconformity
@@ -29,18 +20,15 @@ from brv_hypo.mechanisms.conformance import conformance as conformance
 from brv_hypo.mechanisms.conformance import sample_flight as sample_flight
 from brv_hypo.mechanisms.conformance import sample_motion as sample_motion
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+from brv_hypo.simulation.instruments import with_errors
 from brv_hypo.tracing import Trace, TraceConfig, trace
 
 VEHICLE = "research_cone"
-DURATION, SAMPLE_RATE = 4.0, 100.0
-"""s and Hz: short enough for a test, long enough to tell a mechanism that matters."""
+DURATION, SAMPLE_RATE = 4.0, 100.0  # s and Hz: short enough for a test, long enough to tell a mechanism that matters
 
 
 def check_mechanism(mechanism: Mechanism | RecordEffect) -> None:
-    """Every check of the conformance kit. Raises Nonconformity with what was found and what is expected.
-
-    The mechanism need not be installed.
-    """
+    """Every check of the conformance kit on a mechanism, installed or not; raises Nonconformity with what was found."""
     for check in checks_of(mechanism):
         check(mechanism)
 
@@ -57,8 +45,7 @@ def plant(
 ) -> SimulatedFlight:
     """A short 6-DOF flight with instrument errors on which a mechanism acts from `start` to `stop` (s).
 
-    `terms` holds the coefficient of each of its terms, `theta` its nonlinear parameters.
-    Raises UsageError for an unknown mechanism, term or parameter.
+    `terms` holds the coefficient of each term, `theta` its nonlinear parameters. Raises UsageError for unknown ones.
     """
     planted = {"mechanism": mechanism, "terms": dict(terms), "theta": dict(theta or {}), "start": start, "stop": stop}
     entry = {key: value for key, value in planted.items() if value is not None}
@@ -71,25 +58,13 @@ def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Co
 
 
 def plant_effect(effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1) -> Flight:
-    """A short flight with nothing planted, whose record then has `value` (SI) of that component of the effect more.
-
-    Raises UsageError where there is no such effect or component.
-    """
-    item = find_installed(effect)
-    if not isinstance(item, RecordEffect):
-        raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")
-    flight = _unplanted(vehicle, seed)
-    variant = item.variants(flight)[0]
-    known = [each.name for each in variant.components(flight)]
-    if component not in known:
-        raise UsageError(f"'{effect}' has no component '{component}'; it has {', '.join(known)}.")
-    return variant.perturb(flight, component, value)
+    """A short flight with nothing planted, whose record has `value` (SI) of that component more, or UsageError."""
+    return with_errors(_unplanted(vehicle, seed), {effect: {component: value}})
 
 
 def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
     """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
-    settings = TraceConfig(effects=(effect, *rivals), discover=False, max_steps=2)
-    return trace(flight, settings)
+    return trace(flight, TraceConfig(effects=(effect, *rivals), discover=False, max_steps=2))
 
 
 @lru_cache(maxsize=4)

@@ -19,8 +19,7 @@ class Threshold:
     """One entry of the table."""
 
     value: float | tuple[float, ...]  # the number, in `unit`
-    unit: str
-    """Unit, or what the number counts; "1" of a ratio."""
+    unit: str  # or what the number counts; "1" of a ratio
     decides: str  # what is concluded where the threshold is crossed
     source: str  # paper, study or test that set it
 
@@ -44,7 +43,6 @@ _SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_reco
 _LIMITS = "tests/motion/test_limits.py"
 _FORMAT = "judgement; tests/flight/test_store.py"
 _FAULTY = "tests.studies.independent.faulty_records"
-_DERIVE = "judgement; tests/flight/test_derive.py"
 _USABLE = "judgement; tests/motion/test_answerable.py"
 _JOINT = "judgement; tests.studies.independent.joint --apart"
 
@@ -92,7 +90,9 @@ LARGEST_GROWTH = threshold(50, "1", "stamps are refused: samples of an even grid
 BRIDGED_SAMPLES = threshold(5, "samples", "a gap in rates and forces is bridged instead of cut", _GAPS)
 BRIDGED_CYCLES = threshold(1.0 / 8.0, "cycles of the transverse motion", "or is so short: bridged, not cut", _GAPS)
 BRIDGED_SECONDS = threshold(1.0, "s", "a gap in the air data is bridged instead of cut", _GAPS)
-PRESSURE_CONSISTENT = threshold(0.05, "1", "dynamic pressure contradicts density and speed: a note", _DERIVE)
+PRESSURE_CONSISTENT = threshold(
+    0.05, "1", "dynamic pressure contradicts density and speed", "tests/flight/test_derive.py"
+)
 
 # ---- Trial of the record: gyros against accelerometers against air data ----
 

@@ -30,8 +30,8 @@ def test_a_planted_effect_is_in_the_record() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("gyro_bias", "up", 0.1), "it has p, q, r"),
-        (("magnus", "C_npalpha", 0.1), r"use plant\(\)"),
+        (("gyro_bias", "up", 0.1), "has no component .up. .is .p. meant"),
+        (("magnus", "C_npalpha", 0.1), "no error of the record but a mechanism"),
         (("gyro_bais", "q", 0.1), "gyro_bias"),
     ],
 )

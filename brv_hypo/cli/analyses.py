@@ -33,11 +33,7 @@ if TYPE_CHECKING:
     from brv_hypo.model.model import SavedModel
 
 
-COMPARED, TRACED = 4.5, 15.0
-"""Seconds of a processor for one flight of few cycles, as measured on cones and capsules; a trace of which finds
-something.
-"""
-OF_NOISE = ", a third of that where the residual is noise"
+COMPARED, TRACED = 4.5, 15.0  # s of a processor for a flight of few cycles, on cones and capsules; if trace finds some
 SLOWING_CYCLES = 40.0  # of the transverse motion, which take as long again as the rest, as on Opportunity's record
 
 
@@ -49,15 +45,9 @@ def expected_seconds(flights: Sequence[Flight], seconds: float) -> float:
     return sum(seconds * (1.0 + each / SLOWING_CYCLES) for each in cycles)
 
 
+_HYPOTHESES = "Hypotheses, a plus joining several: lag,sticking+bodyfixed; installed: all; left out: the usual five."
 Mechanisms = Annotated[
-    str | None,
-    Option(
-        "--mechanisms",
-        metavar="NAME,NAME",
-        autocompletion=complete_hypotheses,
-        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; installed: all; left out: the five "
-        "that come along.",
-    ),
+    str | None, Option("--mechanisms", metavar="NAME,NAME", autocompletion=complete_hypotheses, help=_HYPOTHESES)
 ]
 
 
@@ -89,10 +79,9 @@ def report_comparison(session: Session, comparison: Comparison, settings: Compar
 
     records = [flight.path for flight in comparison.flights]
     session.deliver(comparison_document(comparison), comparison, settings, records)
-    if session.quiet or session.json_only:
-        for warning in comparison.warnings:
-            if "is left out" in warning:
-                session.warn(warning)
+    for warning in comparison.warnings if session.quiet or session.json_only else ():
+        if "is left out" in warning:
+            session.warn(warning)
     if comparison.verdict.outcome == "record fault":
         raise typer.Exit(UnanswerableError.exit_code)
 
@@ -127,10 +116,7 @@ def trace(
         Option("--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."),
     ] = None,
     model_file: Annotated[
-        Path | None,
-        Option(
-            "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
-        ),
+        Path | None, Option("--write-model", metavar="FILE.yaml", help="Write the whole model, to edit and use again.")
     ] = None,
     seed: Seed = None,
 ) -> None:
@@ -152,7 +138,8 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
     records = [session.load(path) for path in flights]
-    with session.progress("tracing", expected_seconds(records, TRACED), OF_NOISE) as progress:
+    unless = ", a third of that where the residual is noise"
+    with session.progress("tracing", expected_seconds(records, TRACED), unless) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])
     if model_file is not None:
@@ -168,10 +155,7 @@ def trace(
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
-    """The model in a file of `trace`, errors of the record included; of a comparison's JSON the hypothesis that leads.
-
-    Raises UsageError where the file is neither.
-    """
+    """The model in a file of `trace`, or the hypothesis that leads in a comparison's JSON; UsageError for neither."""
     from brv_hypo.model.model import read_structure
 
     known = read_mapping(path, "what `compare --json` or `trace --json` wrote")
@@ -182,13 +166,17 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
         ranked: dict[str, Any] = next((row for row in known["ranking"] if row["mechanism"] == start), {})
         errors = {term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())}
     except (KeyError, IndexError, TypeError, AttributeError) as error:
-        raise UsageError(
-            f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
-            "`trace --json` wrote."
-        ) from None
+        found = f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))})."
+        raise UsageError(f"{found} Give what `compare --json` or `trace --json` wrote.") from None
     if errors:
         session.warn(f"errors of the record are estimated anew: {', '.join(sorted(errors))}")
     return start
+
+
+_REFITTED = (
+    "What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; instruments "
+    "stands for all of these."
+)
 
 
 @in_session(*ANALYSIS)
@@ -198,15 +186,7 @@ def predict(
     model: Annotated[
         Path, Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
-    refit: Annotated[
-        str,
-        Option(
-            "--refit",
-            metavar="NAME,...",
-            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
-            "instruments stands for all of these.",
-        ),
-    ] = "",
+    refit: Annotated[str, Option("--refit", metavar="NAME,...", help=_REFITTED)] = "",
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
@@ -222,17 +202,11 @@ def predict(
     session.deliver(prediction_document(result), result, settings, [flight, model])
 
 
-RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
-
-
 @in_session("json", "force", "plugin")
 def study(
     session: Session,
     config: Annotated[
-        str,
-        Argument(
-            metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or the name of one that comes along."
-        ),
+        str, Argument(metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or one that comes along.")
     ],
     output: Annotated[
         Path, Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there.")
@@ -262,12 +236,12 @@ def study(
         raise KeyboardInterrupt(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     document = study_document(summary)
-    write_whole(output / RESULTS, results_csv(outcomes))
-    write_whole(output / SUMMARY, as_json(summary))
-    write_whole(output / REPORT, page(document, session.provenance(settings)))
+    write_whole(output / "results.csv", results_csv(outcomes))
+    write_whole(output / "summary.json", as_json(summary))
+    write_whole(output / "report.html", page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.draw.key}: {first.reason}")
     session.show(document, conclusion=document.conclusion)
-    session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
+    session.show(f"Wrote results.csv, summary.json and report.html to {output}.")
     session.write_json(summary)

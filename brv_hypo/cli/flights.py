@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
 
 
-# ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
-
-
 @in_session("start", "stop", "json", "force")
 def inspect(session: Session, flight: FlightFile) -> None:
     """Show what a record holds, its faults, and what is usable."""
@@ -49,10 +46,7 @@ def inspect(session: Session, flight: FlightFile) -> None:
 def import_(
     session: Session,
     data: Annotated[
-        list[Path],
-        Argument(
-            metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
-        ),
+        list[Path], Argument(metavar="DATA", help="Foreign record: csv, parquet, mat. With --guess, others' files too.")
     ],
     mapping: Annotated[
         Path | None, Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
@@ -63,18 +57,16 @@ def import_(
     guess: Annotated[bool, Option("--guess", help="Write a commented map, from names and physics, instead.")] = False,
 ) -> None:
     """Bring a foreign record in by a map; --guess writes one."""
-    if guess == (mapping is not None):
+    if guess and mapping is None:
+        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
+    elif guess or mapping is None:
         raise UsageError(
             "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
         )
-    if guess:
-        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
     elif len(data) > 1:
-        raise UsageError(
-            f"import --map brings in one file, got {len(data)}: the map names the others under recorders and vehicle. "
-            "Only --guess takes several."
-        )
-    elif mapping is None or output is None:
+        others = "the map names the others under recorders and vehicle. Only --guess takes several."
+        raise UsageError(f"import --map brings in one file, got {len(data)}: {others}")
+    elif output is None:
         raise UsageError("import --map needs the record to write: -o flight.h5.")
     else:
         _bring_in(session, data[0], mapping, output)
@@ -88,10 +80,8 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
     session.show(Texts(found.unsure, "Missing or unsure", warning=True))
-    session.show(
-        f"Wrote {output}. Read it, fill in the vehicle, then:\n"
-        f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
-    )
+    then = f"brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
+    session.show(f"Wrote {output}. Read it, fill in the vehicle, then:\n  {then}")
 
 
 def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
@@ -105,8 +95,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     found = bring_in(data, mapping)
     flight = found.flight
     save_flight(flight, output, overwrite=session.force)
-    phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    session.show(Texts(flight.notes, "Notes"), phases)
+    session.show(Texts(flight.notes, "Notes"), Texts(phase_texts(found.phases), "Phases (a map's window names one)"))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
     for fault in (fault for fault in try_record(flight)[1].faults if fault.decisive):  # with -q and in scripts too
         session.warn(f"warning: the record contradicts itself ({fault.fault}): {fault.action}")
@@ -140,34 +129,20 @@ def reconstruct(
         session.show(f"Wrote {output}.")
 
 
-DEMO = "demo"
-DEFAULT_SEED = 1
-
-
 @in_session("json", "force", "plugin")
 def simulate(
     session: Session,
     config: Annotated[
         str,
-        Argument(
-            metavar="CONFIG.yaml",
-            autocompletion=complete_configurations,
-            help="Configuration, or the name of one that comes along.",
-        ),
+        Argument(metavar="CONFIG.yaml", autocompletion=complete_configurations, help="File, or one that comes along."),
     ],
     output: Output,
     plant: Annotated[
-        str | None,
-        Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+        str | None, Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable sets.")
     ] = None,
     draw: Annotated[
         float | None,
-        Option(
-            "--draw",
-            metavar="TIMES",
-            min=0.0,
-            help="Draw errors of instruments, vehicle and air from so many times the tolerances stated; 1 is usual.",
-        ),
+        Option("--draw", metavar="TIMES", min=0.0, help="Draw errors from so many times the tolerances; 1 is usual."),
     ] = None,
     seed: Seed = None,
 ) -> None:
@@ -190,7 +165,7 @@ def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> 
     from brv_hypo.settings import settings_of
 
     settings = settings_of(CompareConfig, session.config, chosen(mechanisms))
-    flown = fly(session, DEMO, seed)
+    flown = fly(session, "demo", seed)
     session.show(*simulation_blocks(flown, verbose=session.verbose), "")
     with session.progress("comparing") as progress:
         comparison = compare([flown.flight], settings, progress=progress)
@@ -204,12 +179,11 @@ def fly(
     from brv_hypo.simulation import load_config
     from brv_hypo.simulation import simulate as simulated
 
-    settings = {} if draw is None else {"instruments": {"draw": draw}}
-    chosen = load_config(config, plant=plant, keywords=settings)
+    chosen = load_config(config, plant=plant, keywords={} if draw is None else {"instruments": {"draw": draw}})
     if chosen.instruments.silent:
         session.warn("no instrument has noise: a comparison of this record says nothing of a real one")
     with session.progress("simulating") as progress:
-        flown = simulated(chosen, seed=DEFAULT_SEED if seed is None else seed, progress=progress)
+        flown = simulated(chosen, seed=1 if seed is None else seed, progress=progress)
     truth, largest = flown.truth, math.radians(TUMBLING_ALPHA)
     if beyond := truth.time[truth.alpha > largest].tolist():
         session.warn(

@@ -27,9 +27,16 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 
-# ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
-
 mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+ALONG = {
+    "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
+    "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
+    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
+}
+"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
+comments, by name and folder; and the command that reads them."""
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
+RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @mechanisms_app.callback()
@@ -67,54 +74,34 @@ def new_plugin(
     written = write_plugin(name, directory, effect=effect)
     part = "components and perturb" if effect else "the terms"
     session.show(
-        f"Wrote {written}. Next:\n"
-        f"  pip install -e '{written}[test]'\n"
-        f"  brv-hypo mechanisms check {name}\n"
+        f"Wrote {written}. Next:\n  pip install -e '{written}[test]'\n  brv-hypo mechanisms check {name}\n"
         f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
 
 
-NAME_OF_PLUGIN = re.compile(r"[a-z][a-z0-9_]*")
-
-
 def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
-    """A plugin package for the mechanism `name`, written whole or not at all to a new directory in `parent`.
+    """A plugin package for the mechanism, or with `effect` the record effect, `name`, in a new directory in `parent`.
 
-    With `effect` it is an effect on the record instead.
-
-    Returns the directory, `brv-hypo-<name>`. Raises UsageError where the name cannot be one, or the
-    directory exists or cannot be written.
+    Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
-    if not NAME_OF_PLUGIN.fullmatch(name) or keyword.iskeyword(name) or name == "none":
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name == "none":
         raise UsageError(
             f"'{name}' cannot name a mechanism: expected lower case letters, digits and _, a letter first, "
             "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
         )
-    words = name.replace("_", " ")
-    values = {
-        "name": name,
-        "module": f"brv_hypo_{name}",
-        "distribution": f"brv-hypo-{name.replace('_', '-')}",
-        "klass": "".join(word.capitalize() for word in words.split()),
-        "title": words,
-        "what": "record effect" if effect else "mechanism",
-        "topic": "effect" if effect else "mechanism",
-        "use": "brv-hypo trace flight.h5" if effect else f"brv-hypo compare flight.h5 --mechanisms {name},sticking",
-    }
-    kind = "effect" if effect else "module"
-    parts = {
-        "pyproject.toml": "pyproject.toml",
-        "README.md": "README.md",
-        f"{kind}.py": f"{values['module']}.py",
-        f"test_{kind}.py": f"tests/test_{values['module']}.py",
-    }
-    target = parent / values["distribution"]
-    with whole_folder(target) as folder:
-        for template, name in parts.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    words, module, distribution = name.replace("_", " "), f"brv_hypo_{name}", f"brv-hypo-{name.replace('_', '-')}"
+    kind, what, use = "module", "mechanism", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
+    if effect:
+        kind, what, use = "effect", "record effect", "brv-hypo trace flight.h5"
+    values = {"name": name, "module": module, "distribution": distribution, "title": words, "what": what, "use": use}
+    values |= {"klass": words.title().replace(" ", ""), "topic": what.split()[-1]}
+    parts = {f"{kind}.py": f"{module}.py", f"test_{kind}.py": f"tests/test_{module}.py"}
+    with whole_folder(parent / distribution) as folder:
+        (folder / "tests").mkdir()
+        for template in ("pyproject.toml", "README.md", *parts):
             text = (files("brv_hypo.mechanisms") / "template" / f"{template}.tmpl").read_text(encoding="utf-8")
-            (folder / name).write_text(Template(text).substitute(values), encoding="utf-8")
-    return target
+            (folder / parts.get(template, template)).write_text(Template(text).substitute(values), encoding="utf-8")
+    return parent / distribution
 
 
 @mechanisms_app.command("check")
@@ -140,19 +127,7 @@ def check(
     session.show(passed)
 
 
-# ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
-
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
-
-ALONG = {
-    "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
-    "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
-    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
-}
-"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
-comments, by name and folder; and the command that reads them."""
-KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
-RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @config_app.callback()
@@ -235,34 +210,36 @@ def docs(
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
-    from brv_hypo.docs import text, topics
+    from brv_hypo.docs import REFERENCE, text, topics
 
     if notebooks is not None:
         _write_notebooks(session, notebooks)
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
-        from brv_hypo.docs import REFERENCE
         from brv_hypo.docs.manual import ManualText, reference
 
         known = {**topics(), REFERENCE: "Functions of the library"}
         listed = "\n".join(f"- `{name}`: {title}" for name, title in known.items())
-        contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
-        opened = "`brv-hypo docs --open` opens it as pages, with a gallery."
-        page = contents + opened if topic is None else reference() if topic == REFERENCE else text(topic)
+        page = (
+            f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+            "`brv-hypo docs --open` opens it as pages, with a gallery."
+        )
+        if topic is not None:
+            page = reference() if topic == REFERENCE else text(topic)
         session.show(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:
     from brv_hypo.docs import notebooks
 
-    targets = {folder / name: content for name, content in notebooks().items()}
-    for path in targets:
-        check_target(path, overwrite=session.force)
+    contents = notebooks()
+    for name in contents:
+        check_target(folder / name, overwrite=session.force)
     make_folder(folder)
-    for path, content in targets.items():
-        write_whole(path, content, overwrite=session.force)
-    session.show(f"Wrote {len(targets)} notebooks to {folder}.")
+    for name, content in contents.items():
+        write_whole(folder / name, content, overwrite=session.force)
+    session.show(f"Wrote {len(contents)} notebooks to {folder}.")
 
 
 def _as_pages(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
@@ -311,16 +288,17 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
-app.command("demo")(flights.demo)
-app.command("simulate")(flights.simulate)
-app.command("reconstruct")(flights.reconstruct)
-app.command("compare")(analyses.compare)
-app.command("trace")(analyses.trace)
-app.command("predict")(analyses.predict)
-app.command("study")(analyses.study)
-app.command("inspect")(flights.inspect)
-app.command("import")(flights.import_)
-app.command("docs")(docs)
+_JUDGING = (analyses.compare, analyses.trace, analyses.predict, analyses.study)
+for _command in (
+    flights.demo,
+    flights.simulate,
+    flights.reconstruct,
+    *_JUDGING,
+    flights.inspect,
+    flights.import_,
+    docs,
+):
+    app.command(_command.__name__.rstrip("_"))(_command)
 app.add_typer(mechanisms_app, name="mechanisms")
 app.add_typer(config_app, name="config")
 

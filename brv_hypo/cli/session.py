@@ -52,6 +52,19 @@ if TYPE_CHECKING:
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
 _closed: set[str] = set()  # streams that the shell had closed
+GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
+ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
+LINE = "brv-hypo: {}; no half-written output is left"
+_unwinds = False
+_signal: int | None = None  # that arrived
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
+STAGE_SECONDS = 10.0  # between lines of one stage
+LONG_SECONDS = 20.0  # what takes longer says so beforehand
+_TOLERANCES = (
+    "Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, a YAML "
+    "file, or opportunity."
+)
 
 
 def ready() -> None:
@@ -77,20 +90,9 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     written, raised = "", False
     for each in error.object[error.start : error.end]:
         before, raised = raised, unicodedata.decomposition(each).startswith("<super>")
-        near = unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
-        written += f"^{near}" if raised and not before else near
+        written += "^" if raised and not before else ""
+        written += unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
     return written, error.end
-
-
-# ---- Signals: what unwinds, and what ends at once ----
-
-
-GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
-ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
-LINE = "brv-hypo: {}; no half-written output is left"
-
-_unwinds = False
-_signal: int | None = None  # that arrived
 
 
 class Signalled(KeyboardInterrupt):
@@ -120,8 +122,7 @@ def unwinding() -> Iterator[None]:
 
 def end_workers() -> None:
     """End the processes that work for this one, without waiting for what they do."""
-    loky = sys.modules.get("joblib.externals.loky.reusable_executor")
-    executor = getattr(loky, "_executor", None)
+    executor = getattr(sys.modules.get("joblib.externals.loky.reusable_executor"), "_executor", None)
     if executor is None:
         return
     for worker in list((executor._processes or {}).values()):
@@ -151,17 +152,11 @@ def _leave(code: int, word: str) -> None:
     os._exit(code)
 
 
-PROGRAM_FAULT = 70
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
-
 P = ParamSpec("P")
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
-    """The command, with its refusals and faults turned into messages on standard error and exit codes.
-
-    Wrong usage of options never gets here: typer itself ends it with code 2.
-    """
+    """The command, with refusals and faults as messages on standard error and exit codes; typer ends wrong options."""
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -186,12 +181,11 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
                 _end(reason, UsageError.exit_code)
-            where = "that -v prints"
             if kwargs.get("verbose"):
                 traceback.print_exc()
-                where = "above"
+            where = "above" if kwargs.get("verbose") else "that -v prints"
             message = f"{type(fault).__name__}: {fault}. Please report it, with the traceback {where}."
-            _end(f"brv-hypo: a fault of the program: {message}", PROGRAM_FAULT)
+            _end(f"brv-hypo: a fault of the program: {message}", BrvHypoError.exit_code)
 
     return run
 
@@ -199,10 +193,6 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 def _end(message: str, code: int) -> None:
     typer.echo(printable(message), err=True)
     raise typer.Exit(code) from None
-
-
-LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
-STAGE_SECONDS = 10.0  # between lines of one stage
 
 
 @contextmanager
@@ -248,7 +238,7 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
     def beginning(incomplete: str) -> list[str]:
         known = getattr(import_module(f"brv_hypo.{module}"), names)
-        return _beginning(incomplete, known(*arguments) if callable(known) else known)
+        return [name for name in (known(*arguments) if callable(known) else known) if name.startswith(incomplete)]
 
     return beginning
 
@@ -265,11 +255,7 @@ def complete_hypotheses(incomplete: str) -> list[str]:
     from brv_hypo.mechanisms.registry import mechanisms
 
     before = re.sub(r"[^,+]*$", "", incomplete)
-    names = sorted(mechanism.name for mechanism in mechanisms())
-    return [before + name for name in _beginning(incomplete[len(before) :], names)]
-
-
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    names = (before + name for name in sorted(mechanism.name for mechanism in mechanisms()))
     return [name for name in names if name.startswith(incomplete)]
 
 
@@ -280,28 +266,15 @@ AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a reco
 Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 
 
-STANDARD_OUTPUT = "-"
-LONG_SECONDS = 20.0  # what takes longer says so beforehand
-
-
 @dataclass(frozen=True)
 class Session:
     """How one command talks: what was asked of the common options."""
 
-    config: Annotated[
-        Path | None, Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
-    ] = None
+    config: Annotated[Path | None, Option("--config", metavar="FILE.yaml", help="Settings, over the defaults.")] = None
     start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
     stop: Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")] = None
     instruments: Annotated[
-        str | None,
-        Option(
-            "--instruments",
-            metavar="GRADE|FILE",
-            autocompletion=complete_grades,
-            help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, "
-            "industrial, a YAML file, or opportunity.",
-        ),
+        str | None, Option("--instruments", metavar="GRADE|FILE", autocompletion=complete_grades, help=_TOLERANCES)
     ] = None
     json: Annotated[
         str | None, Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")
@@ -310,24 +283,21 @@ class Session:
         Path | None, Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
     ] = None
     figures: Annotated[
-        Path | None,
-        Option(
-            "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
-        ),
+        Path | None, Option("--figures", metavar="DIR", help="Write every figure as PNG and SVG; needs matplotlib.")
     ] = None
     quiet: Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")] = False
     verbose: Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")] = False
     force: Annotated[bool, Option("--force", help="Overwrite output files that exist.")] = False
     plugin: Annotated[
         list[Path] | None,
-        Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
+        Option("--plugin", metavar="FILE", help="Use mechanisms of this .py or .yaml file; repeatable."),
     ] = None
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
     def json_only(self) -> bool:
         """True where standard output belongs to JSON."""
-        return self.json == STANDARD_OUTPUT
+        return self.json == "-"
 
     def load(self, path: Path) -> Flight:
         """The part to use of a record, with the tolerances to use: a grade, a file, or one that comes along by name."""
@@ -336,10 +306,8 @@ class Session:
         return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
-        """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
-
-        Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
-        hold HDF5 and has a name that says otherwise.
+        """Refuse now, by UsageError, outputs that exist without `--force`, or whose place cannot be written to: `files`
+        (of `hdf5` by their names too), the report, the JSON file and picture files.
         """
         if self.json_only and "stdout" in _closed:
             raise UsageError("--json - writes to standard output, which is closed (>&-). Open it, or name a file.")
@@ -362,16 +330,13 @@ class Session:
                 check_target(picture, overwrite=self.force)
 
     def show(self, *parts: Any, conclusion: str = "") -> None:
-        """Print documents, their blocks, or what rich renders; with -q the conclusion alone.
-
-        Nothing where standard output belongs to JSON.
-        """
+        """Print documents, blocks, or what rich renders; with -q the conclusion; nothing where JSON has the output."""
         if self.json_only or (self.quiet and not conclusion):
             return
         from brv_hypo.report.document import Document, Table, Texts
-        from brv_hypo.report.terminal import blocks_view, plain_console, terminal_view
+        from brv_hypo.report.terminal import PlainConsole, blocks_view, terminal_view
 
-        console = plain_console()
+        console = PlainConsole()
         for part in (conclusion,) if self.quiet else parts:
             if isinstance(part, Document):
                 console.print(terminal_view(part, verbose=self.verbose))
@@ -408,11 +373,8 @@ class Session:
             from brv_hypo.report.write import draw_into
 
             written = draw_into(self.figures, document.charts, overwrite=self.force)
-            self.show(
-                f"Wrote {len(written)} files to {self.figures}."
-                if written
-                else "The result has no charts: no picture files were written."
-            )
+            none = "The result has no charts: no picture files were written."
+            self.show(f"Wrote {len(written)} files to {self.figures}." if written else none)
 
     @staticmethod
     def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> dict[str, str]:
@@ -422,9 +384,7 @@ class Session:
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
     def progress(self, title: str, seconds: float = 0.0, unless: str = "") -> AbstractContextManager[Report]:
-        """What long work reports to: shown on standard error, never with -q; before it, how long it takes if long, and
-        when it does not.
-        """
+        """What long work reports to, on standard error, never with -q; how long it takes if long, and `unless` what."""
         if seconds > LONG_SECONDS and not self.quiet:
             length = f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
             self.warn(f"{title} takes about {length}{unless}")
@@ -433,18 +393,12 @@ class Session:
 
 def left_out() -> tuple[str, ...]:
     """Why plugins were left out, where any were loaded."""
-    if "brv_hypo.mechanisms" not in sys.modules:
-        return ()
-    from brv_hypo.mechanisms import left_out as reasons
-
-    return reasons()
+    mechanisms: Any = sys.modules.get("brv_hypo.mechanisms")
+    return () if mechanisms is None else (*mechanisms.left_out(),)
 
 
 def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
-    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null.
-
-    `warnings` are added to those that it holds.
-    """
+    """JSON text of a result, NaN and infinity as null, arrays as lists; `warnings` are added to those that it holds."""
     from pydantic_core import to_json
 
     text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
@@ -461,7 +415,7 @@ ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
 
 
 def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command: give it its session as first argument, and the command line the session's options.
+    """Make a function a command: its session is its first argument, and the command line has the session's options.
 
     `options` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
     are named on standard error, however quiet the command is to be.

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import hypothesis, known_to, number, times
+from brv_hypo.io.text import estimated, hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
@@ -498,7 +498,7 @@ class Comparison(HasCharts, Result):
             (net,) = acts[0].values
             damps = ", which damps" if net.value < 0.0 else ", which undamps"
             sign = damps if net.name == DAMPING else ""
-            size = f" {net.name} is {known_to(net.value, net.std_error)} ± {number(net.std_error, 2)}{sign}."
+            size = f" {net.name} is {estimated(net.value, net.std_error)}{sign}."
         size += self._how_large(leader.mechanism)
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
@@ -514,10 +514,7 @@ class Comparison(HasCharts, Result):
             each for each in self.verdict.limits if each.mechanism == leader and not np.isnan(each.share_of_moment)
         )
         shares = (100.0 * np.array([each.share_of_moment, each.share_std_error]) for each in known)
-        said = (
-            f" Its rms moment is {known_to(own, error)} ± {number(error, 2)} % of the record's."
-            for own, error in shares
-        )
+        said = (f" Its rms moment is {estimated(own, error)} % of the record's." for own, error in shares)
         return next(said, "")
 
     def rows(self) -> Sequence[Row]:

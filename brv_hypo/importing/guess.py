@@ -38,11 +38,6 @@ FAR = 60.0  # s: clocks that begin further apart have another zero
 SLOWEST_FAST = 100.0  # Hz: beyond, a log of many samples is offered decimation; as it is its noise is known better
 MANY_SAMPLES = 5000  # with which a comparison takes some ten seconds
 _NOT_STATED = "not stated"  # in a doubt of units
-_NOT_CHECKED = (
-    "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the same file, "
-    "would show them"
-)
-_NOT_SHOWN = "signs and axes of the gyros: the forces do not show them, and they are taken as named"
 
 
 @dataclass(frozen=True)
@@ -54,10 +49,7 @@ class Guess:
 
 
 def guess_map(data: str | Path, *others: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
-
-    Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
-    """
+    """A map for the csv, parquet or mat file `data`, and `others` recorded beside it; UsageError without any time."""
     main = _examined(Path(data))
     main.entries = {name: entry for name, entry in main.entries.items() if name not in VEHICLE_DIMENSIONS}
     for other in others:
@@ -65,9 +57,6 @@ def guess_map(data: str | Path, *others: str | Path) -> Guess:
     _judged(main)
     _count_from_liftoff(main)
     return _written(main)
-
-
-# ---- One file: its channels, by name and by physics ----
 
 
 def _examined(path: Path) -> ForeignTable:
@@ -91,14 +80,10 @@ def _examined(path: Path) -> ForeignTable:
 
 def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
     """A column that its name gives to a channel or property, in the units of the table or its name, or SI."""
-    units = stated_units(column, table.read, dimension)
-    if units is None:
-        return MapEntry(column, SI[dimension], "by name", (_not_stated(column, SI[dimension]),))
-    return MapEntry(column, units, "by name, units in the name")
-
-
-def _not_stated(column: str, units: str) -> str:
-    return f"units of {column} are {_NOT_STATED}: {units} is a guess"
+    if units := stated_units(column, table.read, dimension):
+        return MapEntry(column, units, "by name, units in the name")
+    doubt = f"units of {column} are {_NOT_STATED}: {SI[dimension]} is a guess"
+    return MapEntry(column, SI[dimension], "by name", (doubt,))
 
 
 def _sure(table: ForeignTable, channel: str, units: str, why: str) -> None:
@@ -112,8 +97,8 @@ def _sure(table: ForeignTable, channel: str, units: str, why: str) -> None:
 
 def _find_time(table: ForeignTable) -> None:
     """The column of time, and its units by the rate that they make."""
-    finite = {name: values for name, values in table.read.columns.items() if np.all(np.isfinite(values))}
-    rising = [name for name, values in finite.items() if values.size > 1 and np.all(np.diff(values) > 0.0)]
+    columns = table.read.columns.items()  # a difference that is not known is not above zero
+    rising = [name for name, values in columns if values.size > 1 and np.all(np.diff(values) > 0.0)]
     entry = table.entries.get("time")
     if entry is None or entry.column not in rising:
         if not rising:
@@ -122,7 +107,8 @@ def _find_time(table: ForeignTable) -> None:
         first = next((name for name in rising if name not in used), rising[0])
         entry = MapEntry(first, "s", "the first column that rises throughout", ("whether this is time",))
         table.entries["time"] = entry
-    possible = rules.time_units(table.values("time"))
+    step, (least, most) = float(np.median(np.diff(table.values("time")))), rules.RATES
+    possible = [unit for unit, size in rules.sizes("time").items() if least <= 1.0 / (step * size) <= most]
     fitting = [unit for unit in possible if unit not in rules.STATED_ONLY]
     if fitting and (entry.units not in possible or "units in the name" not in entry.why):
         doubts = [each for each in entry.unsure if _NOT_STATED not in each]
@@ -170,7 +156,7 @@ def _by_range(table: ForeignTable) -> None:
     doubtful = [n for n in GYROS if n in table.entries and any(_NOT_STATED in each for each in table.entries[n].unsure)]
     most = max((float(np.nanmax(np.abs(table.values(name)))) for name in doubtful), default=0.0)
     for name in doubtful if most > rules.FASTEST_RADIANS else ():
-        doubt = _not_stated(table.entries[name].column, "deg/s")
+        doubt = f"units of {table.entries[name].column} are {_NOT_STATED}: deg/s is a guess"
         table.change(name, f"deg/s by range (up to {most:.3g})", units="deg/s", unsure=(doubt,))
 
 
@@ -186,8 +172,13 @@ def _judged(table: ForeignTable) -> None:
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
         turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
         found = physics.relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
-        if found is None or found[2] > limits.GYROS_SURE:
-            table.unsure.append(_NOT_CHECKED if table.tilt is None and air is None else _NOT_SHOWN)
+        if (found is None or found[2] > limits.GYROS_SURE) and table.tilt is None and air is None:
+            table.unsure.append(
+                "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the "
+                "same file, would show them"
+            )
+        elif found is None or found[2] > limits.GYROS_SURE:
+            table.unsure.append("signs and axes of the gyros: the forces do not show them, and they are taken as named")
         else:
             said = f"the forces across the axis follow from the rates in {found[0]}"
             for name in GYROS:
@@ -282,10 +273,6 @@ _OF_VEHICLE = {
     "reference_length": "the one length of all moment coefficients: the diameter",
     "accelerometer_position": "from the centre of gravity, x to the nose",
 }
-_NO_POSITION = (
-    "accelerometer_position: zeros are assumed; if it stays unknown, state its size as instruments/accel_position"
-)
-_GRADE = "instruments: their grade is taken as industrial; their accuracy decides what the record can show"
 
 
 def _written(table: ForeignTable) -> Guess:
@@ -296,9 +283,11 @@ def _written(table: ForeignTable) -> Guess:
     missing = _missing(channels, climbs)
     vehicle = {n: e for n, e in table.vehicle.entries.items() if n in VEHICLE_DIMENSIONS} if table.vehicle else {}
     unknown = [name for name in VEHICLE_DIMENSIONS if name not in vehicle]
-    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION]
+    no_position = "accelerometer_position: zeros are assumed; if it stays unknown, state its size as "
+    no_position += "instruments/accel_position"
+    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", no_position]
     unsure = [f"{name}: {doubt}" for name, entry in {**channels, **vehicle}.items() for doubt in entry.unsure]
-
+    unsure.append("instruments: their grade is taken as industrial; their accuracy decides what the record can show")
     time = table.in_si("time")
     rate = 1.0 / float(np.median(np.diff(time)))
 
@@ -318,7 +307,7 @@ def _written(table: ForeignTable) -> Guess:
         missing=missing,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
-        no_position=_NO_POSITION,
+        no_position=no_position,
         ascends="velocity" not in channels and climbs,
         degrees=np.degrees,
         turned=bool(physics.mounting_fault(time, table.tilt)),
@@ -327,7 +316,7 @@ def _written(table: ForeignTable) -> Guess:
         flow=_flow,
         file_of=file_of,
     )
-    return Guess(text, (*missing, *said, *table.unsure, *unsure, _GRADE))
+    return Guess(text, (*missing, *said, *table.unsure, *unsure))
 
 
 def _flow(entry: MapEntry, more: str = "") -> str:
@@ -345,16 +334,16 @@ def _rises(altitude: FloatArray) -> bool:
 
 def _missing(channels: Collection[str], climbs: bool) -> list[str]:
     """What format 1 needs and no column was found for."""
-    lacking = [f"no column was found for {name}" for name in INERTIAL_CHANNELS if name not in channels]
+    lacking = [*(name for name in INERTIAL_CHANNELS if name not in channels)]
     if "velocity" not in channels and not climbs:
         no = "the altitude of no climb" if "altitude" in channels else "none for altitude"
         lacking.append(
-            f"no column was found for velocity, and {no}, from which a climb would give it: enter one that is not "
-            "used, or name another recorder's file too"
+            f"velocity, and {no}, from which a climb would give it: enter one that is not used, or name another "
+            "recorder's file too"
         )
     if not {"dynamic_pressure", "density", "altitude"} & set(channels):
-        lacking.append("no column was found for dynamic_pressure, density or altitude: one of them is needed")
-    return lacking
+        lacking.append("dynamic_pressure, density or altitude: one of them is needed")
+    return [f"no column was found for {each}" for each in lacking]
 
 
 def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
@@ -362,12 +351,12 @@ def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
     main, unused = tables[0], []
     for table in tables:
         recorder = None if table is main else table.recorder
-        used = {entry.column for entry in main.entries.values() if entry.recorder == recorder}
+        entries = [entry for entry in main.entries.values() if entry.recorder == recorder]
         if table is main.vehicle:
-            used = {entry.column for entry in table.entries.values()}
+            entries = [*table.entries.values()]
         elif table is not main:
-            used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
-        place = "" if table is main else f"{one_line(table.path.name)}: "
+            entries += [table.entries["time"], *([table.align] if table.align else [])]
+        used, place = {entry.column for entry in entries}, "" if table is main else f"{one_line(table.path.name)}: "
         for name, values in table.read.columns.items():
             if name not in used:
                 known = values[np.isfinite(values)]

@@ -25,6 +25,13 @@ from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.io.binary import ColumnTable
 
+REST_SECONDS = 0.1
+STILL = 0.03  # of a channel's whole spread: what is left of it at rest
+WITHIN = 0.06  # relative: a factor is taken for that of units
+RATES = (0.5, 2e4)  # Hz that a recorder may have
+STATED_ONLY = frozenset(("min", "hour", "day"))  # units of time that no rate suggests: their name has to say so
+FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
+
 
 def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     """An axis in units of a rate: roll_dps, Pitch [deg/s]."""
@@ -69,14 +76,10 @@ def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]
     # A struct that holds all columns of a MATLAB file is no part of their names.
     struct = len(f"{structs.pop()}.") if len(structs) == 1 and structs != {""} else 0
     for column in columns:
-        found = _channel_of(_words(column[struct:]))
-        if found is not None:
+        if found := _channel_of(_words(column[struct:])):
             ranked.setdefault(found[0], []).append((found[1], column))
-    likeliest = {channel: sorted(named, key=lambda entry: entry[0]) for channel, named in ranked.items()}
-    return (
-        {channel: named[0][1] for channel, named in likeliest.items()},
-        {channel: [column for _, column in named[1:]] for channel, named in likeliest.items()},
-    )
+    likeliest = {channel: [c for _, c in sorted(each, key=lambda entry: entry[0])] for channel, each in ranked.items()}
+    return {channel: each[0] for channel, each in likeliest.items()}, {c: each[1:] for c, each in likeliest.items()}
 
 
 def units_in(column: str, dimension: Dimension | None) -> str | None:
@@ -116,25 +119,21 @@ def _words(column: str) -> list[str]:
 
 def _parts(name: str) -> list[str]:
     """The words of a name in lower case, whatever their capitals."""
-    return [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
+    return re.findall(r"[a-z0-9]+", name.lower())
 
 
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
     """The channel that words stand for, and how far down the list of its names; None for none."""
-    held = set(words)
-    for channel, names in _WORDS.items() if words else ():
-        for rank, needed in enumerate(names):
-            alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not _of_another(words))
-            if alone and held.issuperset(needed) and not _axis_of(words):
-                return channel, rank
     triad = _axis_of(words)
-    return (triad, 0) if triad else None
-
-
-def _of_another(words: Sequence[str]) -> bool:
-    """Whether a name that begins with one letter goes on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF."""
+    # A name that begins with one letter may go on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF.
     others = ("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")
-    return any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
+    of_another = any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
+    for channel, names in _WORDS.items() if words and not triad else ():
+        for rank, needed in enumerate(names):
+            alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not of_another)
+            if alone and {*words} >= {*needed}:
+                return channel, rank
+    return (triad, 0) if triad else None
 
 
 def _axis_of(words: Sequence[str]) -> str | None:
@@ -148,24 +147,10 @@ def _axis_of(words: Sequence[str]) -> str | None:
     return None
 
 
-REST_SECONDS = 0.1
-STILL = 0.03  # of a channel's whole spread: what is left of it at rest
-WITHIN = 0.06  # relative: a factor is taken for that of units
-RATES = (0.5, 2e4)  # Hz that a recorder may have
-STATED_ONLY = frozenset(("min", "hour", "day"))  # units of time that no rate suggests: their name has to say so
-FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
-
-
 @cache
 def sizes(dimension: Dimension) -> Mapping[str, float]:
     """SI value of one of each unit that a recorder writes, the likelier first."""
     return {unit: float(to_si(1.0, unit, dimension, "units")) for unit in RECORDED[dimension]}
-
-
-def time_units(time: FloatArray) -> tuple[str, ...]:
-    """Units in which the stamps make a rate that recorders have, the likelier first."""
-    step = float(np.median(np.diff(time)))
-    return tuple(unit for unit, size in sizes("time").items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
 
 
 def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
@@ -179,8 +164,7 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
         mean = uniform_filter1d(known, width, mode="nearest")
         spread = np.sqrt(np.maximum(uniform_filter1d(known**2, width, mode="nearest") - mean**2, 0.0))
         whole = float(np.ptp(np.percentile(known, (0.5, 99.5))))
-        away = np.abs(mean - np.mean(known[:width]))
-        moving |= (spread > STILL * whole) | (away > STILL * whole)
+        moving |= (spread > STILL * whole) | (np.abs(mean - np.mean(known[:width])) > STILL * whole)
     first = int(np.argmax(moving)) if np.any(moving) else time.size
     stop = first - width
     return stop if stop >= width and np.any(moving) else None

@@ -1,34 +1,12 @@
 """MAP.yaml: what a foreign record's columns are, what is done with them, and the flight that is made of them.
 
-A value is `scale * column + offset`, in `units`, and NaN where the column holds `missing`:
+A value is `scale * column + offset`, in `units`, and NaN where the column holds `missing`. `RecordMap` lists the keys,
+`brv-hypo docs record` says what each means, `configs/maps` has a whole map. Columns of a mat file that lie in a struct
+are called `struct.field`. Files are named relative to the map's folder, or to that of the data.
 
-    title: Entry of 1975
-    planet: earth
-    channels:
-      time: {column: t, units: s}
-      p: {column: gyro_x, units: deg/s, scale: -1.0, missing: -999}
-      altitude: {recorder: altimeter, column: baro, units: ft}
-    recorders:                     # other files, each with a clock of its own
-      altimeter:
-        file: altimeter.csv
-        time: {column: met, units: s}
-        align: {column: accel, units: g, to: ax}   # the clock's offset, from what both recorders sensed
-    vehicle:
-      mass: {value: 832, units: kg}
-      ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
-    instruments: {grade: industrial}
-    beside:                        # further inertial units, averaged with the first
-    - p: {column: gyro2_x, units: deg/s}
-    rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
-    pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
-    derive: {velocity: ascent}     # from ax and altitude, on a steep climb
-    window: coast                  # a phase that is found, or [start, stop] in s
-    rate: auto                     # Hz, or auto: what the motion needs
-
-Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
-or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
-all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
-with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order: all recorders on one clock;
+axes turned; biases from the pad removed; speed derived; phases found and the window cut, with the vehicle and its
+tolerances over it; faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations
@@ -80,9 +58,6 @@ STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, b
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
-# ---- MAP.yaml: what a foreign record's columns are, and what is to be done with them. Read by `read_map` ----
-
-
 def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise ValueError("a start before its stop")
@@ -91,6 +66,7 @@ def _in_order(span: tuple[float, float]) -> tuple[float, float]:
 
 Row = tuple[float, float, float]
 Rows = tuple[Row, Row, Row]
+Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 def _rotation(entry: str | Rows | None) -> Any:
@@ -108,9 +84,6 @@ def _rotation(entry: str | Rows | None) -> Any:
     if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) or np.linalg.det(matrix) < 0.0:
         raise ValueError("a rotation: rows of length 1, perpendicular and right-handed (a scale of -1 mirrors)")
     return tuple(map(tuple, matrix.tolist()))
-
-
-Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 class _Entry(BaseModel):
@@ -160,13 +133,10 @@ class VehicleColumn(_Entry):
     time: ColumnMap
 
 
-def _kind_of(entry: Any) -> str:
-    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
-    return "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"
-
-
 VehicleEntry = Annotated[
-    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
+    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")],
+    # Which of the two it is, so that one complaint is made of it and not both.
+    Discriminator(lambda entry: "column" if isinstance(entry, dict) and {"file", "column"} & set(entry) else "value"),
 ]
 
 
@@ -208,18 +178,15 @@ def read_map(path: str | Path) -> RecordMap:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
     for number, unit in enumerate(mapping.beside, 2):
         mapping.channels |= {f"{name}{OF_UNIT}{number}": entry for name, entry in unit.items()}
-    parts: list[tuple[str, Collection[str], Mapping[str, Any]]] = [
-        ("channels", [name for name in mapping.channels if OF_UNIT not in name], {**CHANNEL_DIMENSIONS, **ATTITUDE}),
-        *((f"beside/{k}", unit, dict.fromkeys(INERTIAL_CHANNELS)) for k, unit in enumerate(mapping.beside)),
+    parts: list[tuple[str, Collection[str], Collection[str]]] = [
+        ("channels", [name for name in mapping.channels if OF_UNIT not in name], [*CHANNEL_DIMENSIONS, *ATTITUDE]),
+        *((f"beside/{k}", unit, INERTIAL_CHANNELS) for k, unit in enumerate(mapping.beside)),
         ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
     ]
-    for group, names, known in parts:
-        for name in names:
-            if name not in known:
-                raise UsageError(
-                    f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
-                    f"It has {', '.join(known)}."
-                )
+    for group, name, known in ((group, name, known) for group, names, known in parts for name in names):
+        if name not in known:
+            found = f"'{group}/{name}' is not part of format 1{nearest(name, known)}"
+            raise UsageError(f"the map {file}: {found}. It has {', '.join(known)}.")
     if "time" not in mapping.channels:
         raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
     for name, entry in mapping.channels.items():
@@ -291,9 +258,6 @@ def instruments_of(
     return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
 
 
-# ---- The flight that is made of a foreign record ----
-
-
 @dataclass(frozen=True)
 class Imported:
     """A foreign record: the flight that was made of it, and the phases that it holds."""
@@ -315,12 +279,10 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (Path(map_path).parent, source.parent)
-    files: dict[str | None, Path] = {None: source}
-    files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
     raw: dict[str | None, ColumnTable] = {}
     zero, notes = None, list[str]()
-    for name, path in files.items():
-        recorder = mapping.recorders[name] if name is not None else None
+    for name, recorder in ((None, None), *mapping.recorders.items()):
+        path = source if recorder is None else found_file(recorder.file, folders)
         channels = {key: entry for key, entry in mapping.channels.items() if entry.recorder == name}
         clocks = [] if recorder is None else [each for each in (recorder.time, recorder.align) if each is not None]
         columns = tuple(each.column for each in (*channels.values(), *clocks))
@@ -328,9 +290,9 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
             mapping.channels[key] = _with_units(entry, table, _dimension(key), f"channels/{key}")
+        clock = mapping.channels["time"]
         if recorder is not None:
-            recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
-        clock = recorder.time if recorder is not None else mapping.channels["time"]
+            clock = recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
         notes += table.notes
@@ -399,21 +361,19 @@ def _record(
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
         notes.append(f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s")
-    record = validated(
-        Record,
-        {
-            "time": time[around],
-            "channels": {name: values[around] for name, values in channels.items()},
-            "vehicle": vehicle,
-            "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
-            "planet": mapping.planet,
-            "title": mapping.title,
-            "source": mapping.source or source.name,
-            "path": str(source),
-            "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
-            "notes": notes,
-        },
-    )
+    content = {
+        "time": time[around],
+        "channels": {name: values[around] for name, values in channels.items()},
+        "vehicle": vehicle,
+        "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
+        "planet": mapping.planet,
+        "title": mapping.title,
+        "source": mapping.source or source.name,
+        "path": str(source),
+        "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
+        "notes": notes,
+    }
+    record = validated(Record, content)
     faults: tuple[RecordFault, ...] = ()
     if rate is not None:
         record, faults = rocket_log.decimated(record, rate)
@@ -442,10 +402,7 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
 
 
 def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
-    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
-
-    Raises UsageError where nothing shows the nose.
-    """
+    """Turn gyros and accelerometers in `channels`, noting it and an estimate's error in `tolerances`; or UsageError."""
     missing = [name for name in INERTIAL_CHANNELS if name not in channels]
     if missing or (rotation == "auto" and tilt is None):
         lacks = f"the map has no channel {missing[0]}" if missing else "no thrust, nor a spinning coast, shows x"
@@ -456,10 +413,8 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
     if rotation == "auto" and tilt is not None:
         tolerances |= dict.fromkeys(("gyro_misalignment", "accel_misalignment"), tilt.sigma)
         rows = "; ".join(", ".join(f"{value:.4f}" for value in row) for row in matrix)
-        notes.append(
-            f"rotation found from {tilt.by}: the nose lay "
-            f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
-        )
+        lay = f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg"
+        notes.append(f"rotation found from {tilt.by}: the nose lay {lay}; rows {rows}")
 
 
 def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
@@ -478,12 +433,10 @@ def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> 
         if recorder.align is not None:
             align = recorder.align
             if align.to not in channels:
-                raise UsageError(
-                    f"recorders/{name}/align/to: '{align.to}' is no channel of the main table, which has "
-                    f"{', '.join(channels)}."
-                )
-            dimension = CHANNEL_DIMENSIONS[align.to]
-            other = to_si(columns[align.column], align.units, dimension, f"recorders/{name}/align")
+                has = f"the main table, which has {', '.join(channels)}"
+                raise UsageError(f"recorders/{name}/align/to: '{align.to}' is no channel of {has}.")
+            place = f"recorders/{name}/align"
+            other = to_si(columns[align.column], align.units, CHANNEL_DIMENSIONS[align.to], place)
             moved, likeness = rocket_log.clock_offset(time, channels[align.to], clock, other)
             clock = clock + moved
             notes.append(
@@ -529,15 +482,13 @@ def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, plac
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:
-    if mapping.window is None:
-        return -np.inf, np.inf
     if not isinstance(mapping.window, str):
-        return mapping.window
-    phase = next((phase for phase in phases if phase.name == mapping.window), None)
-    if phase is None:
-        found = ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
-        raise UsageError(
-            f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
-            f"does not show (it shows {found}). Give times instead: window: [start, stop]."
-        )
-    return phase.start_s, phase.stop_s
+        return mapping.window or (-np.inf, np.inf)
+    for phase in phases:
+        if phase.name == mapping.window:
+            return phase.start_s, phase.stop_s
+    found = ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
+    raise UsageError(
+        f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
+        f"does not show (it shows {found}). Give times instead: window: [start, stop]."
+    )

@@ -74,9 +74,7 @@ DECIMATED_STOP_DECIBEL = 60.0  # by which the filter stops
 DECIMATED_REACH = 12.0  # samples of the new rate: half the length of such a filter, and more
 DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples that are there
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
-
-
-# ---- Further inertial units, one clock, and the biases that a rest shows ----
+Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
 def together(first: Channels, further: Sequence[Channels]) -> tuple[Channels, list[str]]:
@@ -103,10 +101,9 @@ def _in_axes_of(first: Channels, unit: Channels) -> Channels:
     if turn.magnitude() < SAME_AXES:
         return unit
     triads = [names for names in (GYROS, ACCELEROMETERS) if {*names} <= {*unit}]
-    turned = [turn.as_matrix() @ np.stack([unit[name] for name in names]) for names in triads]
-    return unit | {
-        name: row for names, rows in zip(triads, turned, strict=True) for name, row in zip(names, rows, strict=True)
-    }
+    for names in triads:
+        unit = unit | dict(zip(names, turn.as_matrix() @ np.stack([unit[name] for name in names]), strict=True))
+    return unit
 
 
 def clock_offset(
@@ -141,7 +138,11 @@ def clock_offset(
             "cause: align names columns that do not sense the same, or one of opposite sign. Remedy: give the offset "
             "of its time."
         )
-    lag = best + _peak(score, best) - (second.size - 1)
+    top = 0.0
+    around = score[max(best - 1, 0) : best + 2]
+    if around.size == 3 and np.all(np.isfinite(around)) and (bend := around[0] - 2.0 * around[1] + around[2]) < 0.0:
+        top = 0.5 * (around[0] - around[2]) / bend  # of the parabola through the three best, between the grid's points
+    lag = best + top - (second.size - 1)
     return float(time[0] + lag * step - other_time[0]), float(likeness[best])
 
 
@@ -149,15 +150,6 @@ def _on_grid(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
     known = np.isfinite(values)
     found = np.interp(np.arange(time[0], time[-1], step), time[known], values[known])
     return np.asarray(found - np.mean(found))
-
-
-def _peak(score: FloatArray, best: int) -> float:
-    """Where between the grid's points the parabola through the three best has its top."""
-    if not 0 < best < score.size - 1 or not np.all(np.isfinite(score[best - 1 : best + 2])):
-        return 0.0
-    left, middle, right = score[best - 1 : best + 2]
-    bend = left - 2.0 * middle + right
-    return 0.0 if bend >= 0.0 else float(0.5 * (left - right) / bend)
 
 
 @dataclass(frozen=True)
@@ -191,10 +183,9 @@ def take_out_biases(
     held = {name: values[inside] for name, values in channels.items()}
     count = int(np.count_nonzero(inside))
     if count < PAD_FEWEST_SAMPLES:
-        raise UsageError(
-            f"the map's pad, {pad[0]:g} to {pad[1]:g} s, holds {count} samples, expected at least "
-            f"{PAD_FEWEST_SAMPLES}: the record runs from {time[0]:.3f} to {time[-1]:.3f} s."
-        )
+        holds = f"holds {count} samples, expected at least {PAD_FEWEST_SAMPLES}"
+        runs = f"the record runs from {time[0]:.3f} to {time[-1]:.3f} s"
+        raise UsageError(f"the map's pad, {pad[0]:g} to {pad[1]:g} s, {holds}: {runs}.")
     reads = np.array([float(np.nanmean(held[name])) for name in ACCELEROMETERS])
     norm, swings = float(np.linalg.norm(reads)), max(float(np.nanstd(held[name])) for name in GYROS)
     if abs(norm - GRAVITY) > PAD_OFF_GRAVITY * GRAVITY or reads[0] < PAD_UPRIGHT * norm or swings > PAD_MOVING:
@@ -204,9 +195,9 @@ def take_out_biases(
             "after ignition, another axis or sign of ax, or wrong units. Remedy: correct the times or the map."
         )
     biases = {name: float(np.nanmean(held[name])) for name in GYROS}
+    biases_text = ", ".join(f"{name} {np.degrees(bias):.3g} deg/s" for name, bias in biases.items())
     biases["ax"] = (norm - GRAVITY) * float(reads[0] / norm)
     changed = {name: values - biases.get(name, 0.0) for name, values in channels.items()}
-    biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
     lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
     rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
     rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))
@@ -215,16 +206,9 @@ def take_out_biases(
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "
         f"{np.degrees(lean):.1f} deg: kept; the tolerance of their bias is as large, or what a usual lean makes",
     ]
-    usual = GRAVITY * PAD_LEANING
-    y, z = np.minimum(across, usual).tolist()
+    y, z = np.minimum(across, GRAVITY * PAD_LEANING).tolist()
     along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
     return changed, rest, {"accel_bias": (along, y, z)}, notes
-
-
-# ---- The speed of a climb ----
-
-
-Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
 def ascent(
@@ -335,11 +319,9 @@ def _climb(
     ]
     if np.any(transonic):
         when, off = grid[transonic], residual[transonic]
-        notes.append(
-            f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer reads up to "
-            f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb, and "
-            f"{'counts' if counted is measured else 'is left out'}"
-        )
+        reads = f"reads up to {off[np.argmax(np.abs(off))]:+.0f} m off the climb"
+        fate = "counts" if counted is measured else "is left out"
+        notes.append(f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer {reads}, and {fate}")
     found = [np.where(inside, np.interp(time, grid, values), np.nan) for values in (speed, height, sigma)]
     return (found[0], found[1], found[2], notes), spread
 
@@ -367,10 +349,7 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
 
 
 def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, ...]]:
-    """The record at `rate` Hz, itself where it has hardly more samples than that; the faults that were masked before.
-
-    Faults are masked and spikes replaced before the filter, which would spread them.
-    """
+    """The record at `rate` Hz, or itself if that gains little; the faults, masked before the filter spreads them."""
     stamps, masked, faults = mask_faults(record.time, record.channels)
     clean, _, spike_notes = despiked(stamps, masked)
     notes = [*(f"{one.channel}: {one.fault}, {one.action}" for one in faults), *spike_notes]

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import h5py
 
 DEEPEST = 8  # groups below groups, structs below structs
+MOST_COLUMNS = 10_000  # whose names are kept
+MOST_CHANNELS = 1000  # columns of a matrix
 
 
 @dataclass(frozen=True)
@@ -58,21 +60,14 @@ def read_tree(path: str | Path, *, only: Selection | None = None) -> Tree:
     return read_in_sandbox("HDF5", tree_of, path, {"": None} if only is None else only)
 
 
-# ---- Reading, in the worker ----
-
-
 def tree_of(path: str, budget: Budget, only: Selection) -> Tree:
     """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`."""
     import h5py
 
     if not h5py.is_hdf5(path):
-        raise refused(
-            "",
-            "a file that is not HDF5",
-            "a flight record (format 1)",
-            "a text table or MATLAB file, a truncated copy, or no permission to read",
-            "bring a foreign record in with `brv-hypo import`, or copy the file again",
-        )
+        cause = "a text table or MATLAB file, a truncated copy, or no permission to read"
+        remedy = "bring a foreign record in with `brv-hypo import`, or copy the file again"
+        raise refused("", "a file that is not HDF5", "a flight record (format 1)", cause, remedy)
     with h5py.File(path, "r") as file:
         return _read_group(file, "", only, budget, whole=False)
 
@@ -117,13 +112,9 @@ def _is_numeric(item: Any) -> bool:
 def _read_dataset(item: Any, place: str, budget: Budget) -> Dataset:
     """The header checked, then the values read."""
     if not _is_numeric(item):
-        raise refused(
-            place,
-            f"values of type {item.dtype}" if item.shape is not None else "no values",
-            "numbers",
-            "text, or a complex, compound or reference type",
-            "write it as floating-point numbers",
-        )
+        found = f"values of type {item.dtype}" if item.shape is not None else "no values"
+        cause = "text, or a complex, compound or reference type"
+        raise refused(place, found, "numbers", cause, "write it as floating-point numbers")
     if item.is_virtual or item.external:
         raise _elsewhere(place)
     if item.chunks is not None:
@@ -146,11 +137,7 @@ def _plain(value: Any) -> Any:
 
 
 def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
-    """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
-
-    Raises UsageError where its name does not end in .h5 or .hdf5, the file exists and `overwrite` is false, or where
-    it cannot be written.
-    """
+    """Write `tree`, with its root dataset `time` as the scale of others as long; UsageError as of `check_target`."""
     import h5py
 
     check_target(path, overwrite=overwrite)
@@ -183,10 +170,6 @@ def _write_group(group: h5py.Group, tree: Tree) -> None:
 # ---- Columns of Parquet and MATLAB files by name ----
 
 
-MOST_COLUMNS = 10_000  # whose names are kept
-MOST_CHANNELS = 1000  # columns of a matrix
-
-
 @dataclass(frozen=True)
 class ColumnTable:
     """The columns that were requested, as far as the file has them, and the `names` of all that it has."""
@@ -210,9 +193,7 @@ def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTa
     available = tuple(str(name) for name in file.schema_arrow.names)
     columns: dict[str, NDArray[Any]] = {}
     stamps: list[str] = []
-    for name in names:
-        if name not in available:
-            continue
+    for name in (name for name in names if name in available):
         budget.take(8 * max(file.metadata.num_rows, 0), f"dataset '{name}'")
         column = file.read(columns=[name], use_threads=False).column(0)
         kind = column.type.value_type if types.is_dictionary(column.type) else column.type
@@ -251,13 +232,12 @@ def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     loaded = loadmat(path, simplify_cells=True, variable_names=variables) if variables else {}
     flat = dict(_flat({name: loaded[name] for name in variables}, "", 0))
     columns = {}
-    for name in names:
-        if name in flat:
-            try:
-                columns[name] = np.asarray(flat[name], dtype=np.float64)
-            except (TypeError, ValueError):
-                raise _not_numbers(name, type(flat[name]).__name__) from None
-            budget.take(columns[name].nbytes, f"dataset '{name}'")
+    for name in (name for name in names if name in flat):
+        try:
+            columns[name] = np.asarray(flat[name], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise _not_numbers(name, type(flat[name]).__name__) from None
+        budget.take(columns[name].nbytes, f"dataset '{name}'")
     others = {name: np.broadcast_to(0.0, shape) for name, (shape, _) in kinds.items() if name not in variables}
     return ColumnTable(columns, tuple(dict([*flat.items(), *_flat(others, "", 0)]))[:MOST_COLUMNS])
 

@@ -28,22 +28,31 @@ from brv_hypo.errors import (
 )
 from brv_hypo.io.text import meant
 
-_KINDS = {
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
+_KINDS = {"-": "a file", "d": "a directory", "p": "a pipe", "c": "a device", "b": "a device", "s": "a socket"}
+"""By the letter that `ls -l` has for it."""
+SUFFIX = ".partial"
+_REMEDIES = {
+    errno.ENOSPC: "The medium is full. Free some room, or choose another place.",
+    errno.EDQUOT: "The quota is used up. Free some room, or choose another place.",
+    errno.EROFS: "The medium is read-only. Choose another place.",
+    errno.EFBIG: "The file would be too large here. Choose another place.",
+    errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
+    errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "There is no permission. Choose another place."),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A file stands where a folder is needed. Choose another place."),
 }
+# Temporaries that this process has open: removed at once where it must end without unwinding.
+_open: set[Path] = set()
+# An installed wheel carries the configurations inside the package, a checkout beside it.
+_HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents[1:3])
 
 
 def kind_of(path: str | Path) -> str | None:
     """What stands at `path`, such as "a pipe"; "a file" for a regular one, None where nothing does."""
     try:
-        mode = os.stat(path).st_mode
+        return _KINDS.get(stat.filemode(os.stat(path).st_mode)[0], "no regular file")
     except (OSError, ValueError):  # ValueError: a name with a null character
         return None
-    return "a file" if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), "no regular file")
 
 
 def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = UsageError) -> None:
@@ -64,10 +73,7 @@ def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = U
 
 
 def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
-    """The text of a regular UTF-8 file of at most `most_bytes`; `expected` says what it should hold.
-
-    Raises UsageError where it is not one, is larger, or cannot be read.
-    """
+    """The text of a UTF-8 file of at most `most_bytes`, with what is `expected` in it; UsageError where it is none."""
     check_regular(path, expected)
     try:
         with open(path, "rb") as stream:
@@ -88,28 +94,6 @@ def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
             f"{path}: cannot be read: byte {failure.start} is not UTF-8 text, expected {expected}. "
             "Likely cause: a binary file, or another encoding. Remedy: save it as UTF-8."
         ) from None
-
-
-# ---- Written whole or not at all ----
-
-
-SUFFIX = ".partial"
-NAME_KEPT = 30  # characters of a file's name in that of its temporary, which must not become too long
-
-_REMEDIES = {
-    errno.ENOSPC: "The medium is full. Free some room, or choose another place.",
-    errno.EDQUOT: "The quota is used up. Free some room, or choose another place.",
-    errno.EROFS: "The medium is read-only. Choose another place.",
-    errno.EACCES: "There is no permission. Choose another place.",
-    errno.EPERM: "There is no permission. Choose another place.",
-    errno.EFBIG: "The file would be too large here. Choose another place.",
-    errno.ENOTDIR: "A file stands where a folder is needed. Choose another place.",
-    errno.EEXIST: "A file stands where a folder is needed. Choose another place.",
-    errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
-    errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
-}
-# Temporaries that this process has open: removed at once where it must end without unwinding.
-_open: set[Path] = set()
 
 
 def check_target(path: str | Path, *, overwrite: bool) -> None:
@@ -136,10 +120,7 @@ def check_place(path: str | Path, folder: Path) -> None:
 
 
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = True) -> None:
-    """Write the file whole or not at all; a link is followed, and what it leads to replaced.
-
-    Raises UsageError where the target must not be replaced, or cannot be written.
-    """
+    """Write the file whole or not at all; a link is followed. Raises UsageError where it must not or cannot be."""
     check_target(path, overwrite=overwrite)
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
@@ -162,10 +143,7 @@ def make_folder(path: str | Path) -> Path:
 
 @contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """A new folder to fill, at `path` when the block ends well and nowhere when it does not.
-
-    Raises UsageError where something stands at `path`, or it cannot be written.
-    """
+    """A new folder to fill, at `path` when the block ends well, else nowhere; UsageError where something is there."""
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
         if kind_of(path) is not None:  # checked here, so that what a dead process left beside it is removed first
@@ -189,17 +167,14 @@ def writable(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def _temporary(target: Path) -> Iterator[Path]:
-    """A path to write at, to be moved to `target`: in a folder beside it, which bears host and number of the process.
-
-    Removes what dead processes left there.
-    """
+    """A path to write at, in a folder beside `target` named by host and process; those of dead ones are removed."""
     host = socket.gethostname().replace(".", "-")  # process numbers mean nothing on another
     left = re.compile(rf"\..+\.{re.escape(host)}\.(\d+)\.\w+{re.escape(SUFFIX)}")
     with suppress(OSError):
         for entry in target.parent.iterdir():
             if (found := left.fullmatch(entry.name)) and not _is_alive(int(found[1])):
                 shutil.rmtree(entry, ignore_errors=True)
-    prefix = f".{target.name[:NAME_KEPT]}.{host}.{os.getpid()}."
+    prefix = f".{target.name[:30]}.{host}.{os.getpid()}."  # of the name a part, lest it become too long
     folder = Path(tempfile.mkdtemp(SUFFIX, prefix, target.parent))
     _open.add(folder)
     try:
@@ -218,19 +193,11 @@ def remove_open_temporaries() -> None:
 def _is_alive(process: int) -> bool:
     try:
         os.kill(process, 0)
+    except PermissionError:  # it lives, and is another user's
+        return True
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # it lives, and is another user's
-        pass
     return True
-
-
-# ---- Configurations that come along ----
-
-
-_PACKAGE = Path(__file__).resolve().parents[1]
-# An installed wheel carries the configurations inside the package, a checkout beside it.
-_HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
 
 
 def config_names(folder: str = "") -> tuple[str, ...]:
@@ -239,10 +206,7 @@ def config_names(folder: str = "") -> tuple[str, ...]:
 
 
 def config_path(name: str | Path, folder: str = "") -> Path:
-    """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
-
-    Raises UsageError with the nearest names.
-    """
+    """The file of a configuration, by path or by one of `config_names`; raises UsageError with the nearest names."""
     if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
         return Path(name)
     for home in _HOMES:

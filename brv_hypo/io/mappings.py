@@ -28,10 +28,7 @@ _DATES = "tag:yaml.org,2002:timestamp"
 
 
 def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
-    """The mapping in a YAML file; {} where it is empty. `expected` says what it should hold.
-
-    Raises UsageError with the place where it is no YAML, no mapping, or beyond the budgets.
-    """
+    """The mapping in a YAML file, {} where it is empty; UsageError with the place of what is wrong or too much."""
     text = read_text(path, expected, YAML_BYTES)
     try:
         content = _load(text)
@@ -41,10 +38,7 @@ def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def read_json(path: str | Path, expected: str) -> dict[str, Any]:
-    """The mapping in a JSON file; `expected` says what it should hold.
-
-    Raises UsageError with the place where it is no JSON, no mapping, or beyond the budgets.
-    """
+    """The mapping in a JSON file; UsageError with the place of what is wrong or too much."""
     text = read_text(path, expected, JSON_BYTES)
     try:
         content = json.loads(text)
@@ -57,10 +51,7 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
-    """The mapping in a file of JSON, which begins with a brace, or of YAML, whatever it is called.
-
-    Raises UsageError as `read_json` and `read_yaml` do.
-    """
+    """The mapping in a file of JSON, which begins with a brace, or of YAML; raises UsageError as their readers do."""
     begins = read_text(path, expected, JSON_BYTES).lstrip()[:1]
     return read_json(path, expected) if begins == "{" else read_yaml(path, expected)
 

@@ -15,6 +15,7 @@ import atexit
 import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -31,9 +32,7 @@ READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF
 LONGEST_READ_SECONDS = 120.0  # by the clock, for a medium that does not answer
 MEMORY_BUDGETS = 3  # how many times the budget of values may be taken to read them
 SPARE_BYTES = 256 << 20
-
 _PROGRAM = "from brv_hypo.io.sandbox import serve; serve()"
-
 Content = TypeVar("Content")
 
 
@@ -51,20 +50,14 @@ class Budget:
     def check(self, size: int, place: str) -> None:
         """Raise FlightRecordError where `size` bytes are more than there ever were."""
         if size > self._most:
-            raise refused(
-                place,
-                f"{size / 2**20:.6g} MB declared",
-                f"at most {self._most / 2**20:.6g} MB of values in one file",
-                "a damaged or forged header, or a record of many flights",
-                "copy the file again, cut it into flights, or lower the sample rate",
-            )
+            expected = f"at most {self._most / 2**20:.6g} MB of values in one file"
+            cause = "a damaged or forged header, or a record of many flights"
+            remedy = "copy the file again, cut it into flights, or lower the sample rate"
+            raise refused(place, f"{size / 2**20:.6g} MB declared", expected, cause, remedy)
 
 
 def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any) -> Content:
-    """What `reader(path, budget, *arguments)`, a function of a module, returns; `library` names it in a refusal.
-
-    Raises FlightRecordError where the reader does, fails, crashes, or takes more memory or time than it may.
-    """
+    """What `reader(path, budget, *arguments)` returns; FlightRecordError if it refuses, fails or takes too much."""
     try:
         answer = _worker.ask((reader, os.path.abspath(path), READ_BUDGET, READ_CPU_SECONDS, arguments))
     except EOFError as ended:
@@ -102,7 +95,11 @@ class _Worker:
                 process.stdin.flush()
                 return pickle.load(process.stdout)
             except (EOFError, BrokenPipeError, pickle.UnpicklingError):
-                raise EOFError(_how_ended(process)) from None
+                process.kill()  # it has ended already, unless it wrote what is no answer
+                code = process.wait()
+                how = f"crashed on it ({signal.Signals(-code).name})" if code < 0 else f"ended on it (code {code})"
+                late = code in (-signal.SIGXCPU, -signal.SIGKILL)
+                raise EOFError("did not finish in the time that a sound file takes" if late else how) from None
             except BaseException:  # an answer half read cannot be followed by another
                 self.end()
                 raise
@@ -123,25 +120,16 @@ class _Worker:
             # One thread, and an allocator that the limit of memory can count.
             own = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
             modules = os.pathsep.join(path for path in sys.path if path)
+            own |= {"PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"}
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _PROGRAM],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={**os.environ, **own, "PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"},
+                env=os.environ | own,
                 start_new_session=True,  # an interrupt from the keyboard is this process's to handle
             )
         return self._process
-
-
-def _how_ended(process: subprocess.Popen[bytes]) -> str:
-    import signal
-
-    process.kill()  # it has ended already, unless it wrote what is no answer
-    code = process.wait()
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        return "did not finish in the time that a sound file takes"
-    return f"crashed on it ({signal.Signals(-code).name})" if code < 0 else f"ended on it (code {code})"
 
 
 _worker = _Worker()

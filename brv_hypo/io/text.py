@@ -17,19 +17,20 @@ from pathlib import Path
 from brv_hypo.errors import FlightRecordError
 
 LONGEST_LINE = 300  # characters kept of a title or of another text that belongs on one line
-
-_KEPT = "\n\t"
 # Marks that reverse the order of what follows, and separators that begin a new line.
 _REORDERING = frozenset("\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+NOT_A_NUMBER = "–"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
+"""Numbers from the one to below the other are written without an exponent."""
 
 
 def printable(text: str) -> str:
     """The text without control codes, marks that reorder it, and code points that no encoding has."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(
-        c for c in text if c in _KEPT or (unicodedata.category(c) not in ("Cc", "Cs") and c not in _REORDERING)
-    )
+    left_out = _REORDERING | {each for each in text if unicodedata.category(each) in ("Cc", "Cs")} - {*"\n\t"}
+    return "".join(each for each in text if each not in left_out)
 
 
 def one_line(text: str) -> str:
@@ -84,11 +85,6 @@ def naming(path: str | Path) -> Iterator[None]:
 
 # ---- How numbers are written ----
 
-NOT_A_NUMBER = "–"
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
-"""Numbers from the one to below the other are written without an exponent."""
-
 
 def number(value: float | None, digits: int = 3) -> str:
     """At `digits` significant digits, as 0.00012, 6.90×10⁶ or 2.6×10⁻⁵; a dash for no number."""
@@ -105,31 +101,29 @@ def known_to(value: float, sigma: float) -> str:
     """An estimate to the second digit of its standard error, and no further; at most at 9 digits."""
     if not (math.isfinite(value) and math.isfinite(sigma) and value != 0.0 and sigma > 0.0):
         return number(value, 4)
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
+    first = math.floor(math.log10(abs(value)))
+    digits = min(first - math.floor(math.log10(sigma)) + 2, 9)
     if digits < 1:  # the estimate is less than the last digit of its error that is worth showing
         return "0"
-    digits = min(digits, 9)
-    if not LEAST_PLAIN <= abs(value) < MOST_PLAIN:
-        return number(value, digits)
-    return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
+    plain = LEAST_PLAIN <= abs(value) < MOST_PLAIN
+    return f"{value:.{max(digits - 1 - first, 0)}f}" if plain else number(value, digits)
+
+
+def estimated(value: float, sigma: float) -> str:
+    """An estimate with its standard error."""
+    return f"{known_to(value, sigma)} ± {number(sigma, 2)}"
 
 
 def f_ratio(value: float | None) -> str:
     """A ratio of variances: below a hundredth it says nothing."""
-    if value is not None and math.isfinite(value) and 0.0 <= value < 0.01:
-        return "<0.01"
-    return number(value)
+    return "<0.01" if value is not None and 0.0 <= value < 0.01 else number(value)
 
 
 def probability(value: float | None) -> str:
     """A probability in percent, never rounded to certainty."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
-    if value >= 0.995:
-        return ">99 %"
-    if value <= 0.005:
-        return "<1 %"
-    return f"{100.0 * value:.0f} %"
+    return ">99 %" if value >= 0.995 else "<1 %" if value <= 0.005 else f"{100.0 * value:.0f} %"
 
 
 def p_value(value: float | None) -> str:
@@ -139,9 +133,9 @@ def p_value(value: float | None) -> str:
 
 def share(value: float | None) -> str:
     """A ratio in percent at two digits."""
-    if value is not None and 0.0 < value < 1e-4:
-        return "<0.01 %"
-    return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
+    if value is None:
+        return NOT_A_NUMBER
+    return "<0.01 %" if 0.0 < value < 1e-4 else f"{number(100.0 * value, 2)} %"
 
 
 def error_share(ratio: float | None) -> str:

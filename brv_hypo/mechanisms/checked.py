@@ -1,7 +1,6 @@
 """Calls of plugins with checked answers: each ends in its answer or in a MechanismError that names the plugin.
 
-Entrances: `answer`, `checked`, and `without_faulty`, whose results are those of a run in which the plugins that broke
-the contract were never installed.
+Entrances: `answer`, `checked`, and `without_faulty`, in whose results no plugin that broke the contract has a part.
 """
 
 from __future__ import annotations
@@ -27,14 +26,11 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.motion.motion import Motion
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
-
 _ENGINE = Path(__file__).resolve().parents[1]
 
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)
 Data = TypeVar("Data", bound=Motion | Flight)
 Result = TypeVar("Result")
-
-# ---- One call of foreign code, within a limit of time ----
 
 
 class _NoAnswerError(BaseException):
@@ -50,8 +46,7 @@ def answer(
 ) -> Result:
     """What foreign code answers to `call(*arguments)` within ANSWER_SECONDS; `problem` says what is wrong with it.
 
-    Raises MechanismError that names the plugin's package, file and line, whatever it raises, sys.exit and os._exit
-    included.
+    Raises MechanismError with the plugin's package, file and line, whatever it raises, sys.exit and os._exit included.
     """
     try:
         with np.errstate(), _within(ANSWER_SECONDS), _exit_refused():
@@ -70,10 +65,7 @@ def answer(
 
 @contextmanager
 def _within(seconds: float) -> Iterator[None]:
-    """Raise _NoAnswerError in the block after `seconds`; the outermost block's limit is the one that counts.
-
-    Only the main thread can be interrupted, and only where the system has timers.
-    """
+    """Raise _NoAnswerError in the block after `seconds`, the outermost's; only in a main thread with timers."""
     main = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
     if not main or signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
         yield
@@ -231,37 +223,26 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
         columns, shape = {"sizes": [size for _, _, size in given]}, (len(given),)
     elif method in ("knots", "tolerance") and given is not None:
         columns, shape = {"numbers": given}, (len(given),)
-    flaws = ((name, _flaw(column, shape)) for name, column in columns.items())
-    return next((f"`{method}` gave {name} {flaw}" for name, flaw in flaws if flaw), "")
-
-
-def _flaw(column: Any, shape: tuple[int, ...]) -> str:
-    """What is wrong with a column; empty where nothing is."""
-    values = np.asarray(column)
-    if values.dtype.kind not in "fiub":
-        return f"of type {values.dtype}, expected real numbers"
-    if values.shape != shape:
-        return f"of shape {values.shape}, expected {shape}"
-    bad = int(np.count_nonzero(~np.isfinite(values)))
-    needs = "it may need a channel that this record lacks (Mach or Reynolds number)"
-    return f"with {bad} values that are not finite, expected none; {needs}" if bad else ""
+    for name, values in ((name, np.asarray(column)) for name, column in columns.items()):
+        if values.dtype.kind not in "fiub":
+            return f"`{method}` gave {name} of type {values.dtype}, expected real numbers"
+        if values.shape != shape:
+            return f"`{method}` gave {name} of shape {values.shape}, expected {shape}"
+        if bad := int(np.count_nonzero(~np.isfinite(values))):
+            needs = "it may need a channel that this record lacks (Mach or Reynolds number)"
+            return f"`{method}` gave {name} with {bad} values that are not finite, expected none; {needs}"
+    return ""
 
 
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
-    views: dict[str, Any] = {each.name: _fixed(getattr(data, each.name)) for each in fields(data)}
+    held = {each.name: getattr(data, each.name) for each in fields(data)}
+    views: dict[str, Any] = {name: each.view() for name, each in held.items() if isinstance(each, np.ndarray)}
+    for view in views.values():
+        view.flags.writeable = False
     if isinstance(data, Motion) and data.history is not None and not isinstance(data.history, partial):
         views["history"] = partial(_past, data.history)
     return replace(data, **views)
-
-
-def _fixed(values: Any) -> Any:
-    """The same array, not to be written to; anything else as it is."""
-    if not isinstance(values, np.ndarray):
-        return values
-    found = values.view()
-    found.flags.writeable = False
-    return found
 
 
 def _past(past: Callable[[float], Motion], tau: float) -> Motion:

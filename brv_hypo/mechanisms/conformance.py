@@ -24,25 +24,16 @@ from brv_hypo.errors import FlightRecordError, MechanismError
 from brv_hypo.flight.record import CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.checked import checked, read_only, unchecked
-from brv_hypo.mechanisms.contract import (
-    FAMILIES,
-    Mechanism,
-    Parameter,
-    Process,
-    RecordEffect,
-    RecordProcess,
-    Term,
-    TimeVariation,
-)
+from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, Process, RecordEffect, RecordProcess, Term, TimeVariation
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates
 
 DURATION = 6.0  # seconds of the sample motion and of the sample record
-
-# Crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero.
-_SLOW, _FAST = 0.05, 0.012
+_SLOW, _FAST = 0.05, 0.012  # crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero
 _SLOW_RATE, _FAST_RATE = 7.3, -11.9  # rad/s
 _FORCE_SLOPE, _MOMENT_SLOPE = 2.0, -0.3  # 1/rad
+_SHORT = 60  # samples where few will do
+Checks = tuple[Callable[[Any], None], ...]
 
 
 def sample_motion(time: FloatArray) -> Motion:
@@ -84,15 +75,8 @@ def uniform_time(samples: int = 600) -> FloatArray:
 
 def sample_flight() -> Flight:
     """A short record of the sample motion: what its instruments would read, without noise."""
-    motion = sample_motion(uniform_time())
-    vehicle = Vehicle(
-        mass=100.0,
-        ixx=1.5,
-        iyy=10.0,
-        reference_length=motion.reference_length,
-        reference_area=0.125,
-        accelerometer_position=(0.1, 0.02, -0.01),
-    )
+    motion, sizes = sample_motion(uniform_time()), {"reference_length": 0.4, "reference_area": 0.125}
+    vehicle = Vehicle(mass=100.0, ixx=1.5, iyy=10.0, accelerometer_position=(0.1, 0.02, -0.01), **sizes)
     normal = motion.dynamic_pressure * vehicle.reference_area * _FORCE_SLOPE * motion.alpha / vehicle.mass
     shared = ("time", "p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds")
     return Flight(
@@ -105,9 +89,6 @@ def sample_flight() -> Flight:
     )
 
 
-# ---- What a check is, and what comes of it ----
-
-
 class Nonconformity(AssertionError):  # noqa: N818 - the field's word for a failed conformance check
     """A plugin breaks the contract: what was found, what is expected."""
 
@@ -118,7 +99,7 @@ class Outcome:
 
     check: str
     passed: bool
-    detail: str = ""
+    detail: str
 
 
 def expect(condition: bool | np.bool_, found: str) -> None:
@@ -130,29 +111,11 @@ def expect(condition: bool | np.bool_, found: str) -> None:
 # ---- The checks of a mechanism: what the engine relies on when it fits, simulates and compares it ----
 
 
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
-# What times at which coefficients change are called, and what parts `mechanisms.0.theta.NAME`.
-_KNOTS, _OF_A_PATH = ("knot", "start", "stop"), (".", "/")
-_SHORT = 60  # samples where few will do
-_OF_RECORD_PROCESSES = {"channels": '("velocity",)', "units": '"m/s"', "size": "2.0"}
-"""What a process of the record has to set, with an example."""
-
-
-def _product(mechanism: Mechanism, values: Callable[[Parameter], Sequence[float]]) -> list[dict[str, float]]:
-    """Every theta that these values of the parameters make."""
-    parameters = mechanism.parameters()
-    names = [parameter.name for parameter in parameters]
-    return [dict(zip(names, point, strict=True)) for point in itertools.product(*map(values, parameters))]
-
-
-def _thetas(mechanism: Mechanism) -> list[dict[str, float]]:
-    """Every theta at the ends and the middle of the bounds of each parameter."""
-    return _product(mechanism, lambda p: (p.bounds[0], p.grid[len(p.grid) // 2], p.bounds[1]))
-
-
-def _grid(mechanism: Mechanism) -> list[dict[str, float]]:
-    """Every theta that the engine searches."""
-    return _product(mechanism, lambda p: p.grid)
+def _thetas(mechanism: Mechanism, *, searched: bool = False) -> list[dict[str, float]]:
+    """Every theta at the ends and the middle of each parameter's bounds; or those that the engine searches."""
+    known = mechanism.parameters()
+    values = [p.grid if searched else (p.bounds[0], p.grid[len(p.grid) // 2], p.bounds[1]) for p in known]
+    return [dict(zip([p.name for p in known], point, strict=True)) for point in itertools.product(*values)]
 
 
 def _columns(terms: Sequence[Term]) -> FloatArray:
@@ -165,18 +128,15 @@ def is_declared(item: Mechanism | RecordEffect) -> None:
     for attribute in ("name", "title", "claims", "source"):
         value = getattr(item, attribute, None)
         expect(isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text")
-    expect(
-        _NAME.fullmatch(item.name) is not None and item.name != "none",
-        f"the name {item.name!r}: use lower case letters, digits and _, and not 'none'",
-    )
+    sound = re.fullmatch(r"[a-z][a-z0-9_]*", item.name) is not None and item.name != "none"
+    expect(sound, f"the name {item.name!r}: use lower case letters, digits and _, and not 'none'")
     moments = ("process",) if isinstance(item, Process) else ("mechanism", "aerodynamic")
     kinds = moments if isinstance(item, Mechanism) else ("instrument", "environment")
     kind = getattr(item, "kind", None)
     expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
-    for attribute, example in _OF_RECORD_PROCESSES.items() if isinstance(item, RecordProcess) else ():
-        expect(
-            hasattr(item, attribute), f"`{attribute}` is missing: set it in the class, as in {attribute} = {example}"
-        )
+    examples = {"channels": '("velocity",)', "units": '"m/s"', "size": "2.0"}
+    for name, example in examples.items() if isinstance(item, RecordProcess) else ():
+        expect(hasattr(item, name), f"`{name}` is missing: set it in the class, as in {name} = {example}")
 
 
 def documents_its_terms(mechanism: Mechanism) -> None:
@@ -197,10 +157,8 @@ def is_configurable(mechanism: Mechanism) -> None:
 def varies_in_known_ways(mechanism: Mechanism) -> None:
     """Its time variation is one or more of constant, jump and ramp."""
     known, stated = get_args(TimeVariation), mechanism.time_variation
-    expect(
-        bool(stated) and set(stated) <= set(known),
-        f"`time_variation` is {stated!r}, expected a tuple of some of {known}",
-    )
+    sound = bool(stated) and set(stated) <= set(known)
+    expect(sound, f"`time_variation` is {stated!r}, expected a tuple of some of {known}")
 
 
 def has_sane_parameters(mechanism: Mechanism) -> None:
@@ -209,23 +167,19 @@ def has_sane_parameters(mechanism: Mechanism) -> None:
     expect(len(set(names)) == len(names), f"two parameters share a name: {names}")
     for parameter in mechanism.parameters():
         name, units, (low, high) = parameter.name, parameter.units, parameter.bounds
+        sound = name.isprintable() and name.strip() == name != ""
+        expect(sound, f"the parameter {name!r}: a name is one or more characters that can be printed")
         expect(
-            name.isprintable() and name.strip() == name != "",
-            f"the parameter {name!r}: a name is one or more characters that can be printed",
-        )
-        expect(
-            name not in _KNOTS and not set(name) & set(_OF_A_PATH),
-            f"the parameter '{name}': every name will do but {', '.join(_KNOTS)}, which are what times of "
-            f"change are called, and any with {' or '.join(_OF_A_PATH)}, which parts the names of a path",
+            name not in ("knot", "start", "stop") and not set(name) & set("./"),
+            f"the parameter '{name}': every name will do but knot, start, stop, which are what times of change are "
+            "called, and any with . or /, which parts the names of a path",
         )
         grid = np.asarray(parameter.grid, dtype=float)
         expect(grid.size > 0, f"the grid of '{name}' is empty")
         expect(np.all(np.isfinite([low, high, *grid])), f"'{name}': grid or bounds are not finite")
         expect(np.all(np.diff(grid) > 0), f"the grid of '{name}' does not increase: {grid}")
-        expect(
-            low < high and low <= grid[0] and grid[-1] <= high,
-            f"the grid of '{name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}",
-        )
+        inside = low < high and low <= grid[0] and grid[-1] <= high
+        expect(inside, f"the grid of '{name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}")
         expect(is_unit(units), f"'{name}': '{units}' is not a unit")
         if parameter.is_delay:
             try:
@@ -244,16 +198,15 @@ def keeps_the_shape(mechanism: Mechanism) -> None:
 
 def is_finite(mechanism: Mechanism) -> None:
     """Its columns are finite for every theta inside the bounds."""
-    for theta in [*_grid(mechanism), *_thetas(mechanism)]:
+    for theta in [*_thetas(mechanism, searched=True), *_thetas(mechanism)]:
         checked(mechanism).terms(sample_motion(uniform_time()), theta)
 
 
 def has_the_same_terms_for_every_theta(mechanism: Mechanism) -> None:
     """The number, order, names and units of its terms do not depend on theta."""
     motion = sample_motion(uniform_time(_SHORT))
-    signatures = {
-        tuple((term.name, term.units) for term in checked(mechanism).terms(motion, theta)) for theta in _grid(mechanism)
-    }
+    every = (checked(mechanism).terms(motion, theta) for theta in _thetas(mechanism, searched=True))
+    signatures = {tuple((term.name, term.units) for term in terms) for terms in every}
     expect(len(signatures) == 1, f"the terms change with theta: {sorted(signatures)}")
     names = [name for name, _ in signatures.pop()]
     unknown = set(mechanism.characteristic) - set(names)
@@ -270,14 +223,10 @@ def is_elementwise(mechanism: Mechanism) -> None:
     """A part of the motion gives that part of the columns, so a simulated instant agrees with the record."""
     time, chosen = uniform_time(90), np.array([3, 4, 40, 77])
     for theta in _thetas(mechanism):
-        whole = _columns(mechanism.terms(sample_motion(time), theta))
-        part = _columns(mechanism.terms(sample_motion(time[chosen]), theta))
+        whole, part = (_columns(mechanism.terms(sample_motion(times), theta)) for times in (time, time[chosen]))
         apart = _apart(whole, whole[..., chosen], part)
-        expect(
-            apart < 1e-9,
-            f"four samples alone differ from the same four in a record by {apart:.1e} of the largest value; "
-            "use each sample alone, and `motion.delayed` for the past",
-        )
+        found = f"four samples alone differ from the same four in a record by {apart:.1e} of the largest value; "
+        expect(apart < 1e-9, found + "use each sample alone, and `motion.delayed` for the past")
 
 
 def _apart(whole: FloatArray, one: FloatArray, other: FloatArray) -> float:
@@ -304,20 +253,15 @@ def takes_the_meridian_as_an_angle(mechanism: Mechanism) -> None:
     for theta in _thetas(mechanism):
         before, after = (_columns(mechanism.terms(each, theta)) for each in (motion, turned(motion)))
         apart = _apart(before, before, after)
-        expect(
-            apart <= 1e-9,
-            f"adding 2 pi to the windward meridian moves a column by {apart:.1e} of its size; "
-            "use its sine, its cosine or differences",
-        )
+        found = f"adding 2 pi to the windward meridian moves a column by {apart:.1e} of its size; "
+        expect(apart <= 1e-9, found + "use its sine, its cosine or differences")
 
 
 def acts_on_the_moments(mechanism: Mechanism) -> None:
     """Every term moves a moment somewhere in the sample motion."""
     for term in mechanism.terms(sample_motion(uniform_time()), _thetas(mechanism)[-1]):
-        expect(
-            bool(np.any(term.in_plane) or np.any(term.out_of_plane)),
-            f"'{term.name}' is zero throughout a motion of 2 to 4 deg, Mach 22, Reynolds 1e5 to 1e7",
-        )
+        found = f"'{term.name}' is zero throughout a motion of 2 to 4 deg, Mach 22, Reynolds 1e5 to 1e7"
+        expect(bool(np.any(term.in_plane) or np.any(term.out_of_plane)), found)
 
 
 def flags_its_delays(mechanism: Mechanism) -> None:
@@ -342,18 +286,13 @@ def flags_its_delays(mechanism: Mechanism) -> None:
         name, value = parameter.name, parameter.bounds[1]
         found = requested({**theta, name: value})
         moved = found != at_first
-        expect(
-            moved == parameter.is_delay,
-            f"'{name}' {'sets a delay: flag it' if moved else 'sets no delay but is flagged'} (`is_delay`)",
-        )
+        flaw = "sets a delay: flag it" if moved else "sets no delay but is flagged"
+        expect(moved == parameter.is_delay, f"'{name}' {flaw} (`is_delay`)")
         if parameter.is_delay:
             expect(parameter.bounds[0] >= 0.0, f"the delay '{name}' may become negative")
-            seconds = value * parameter.seconds
-            expect(
-                any(np.isclose(tau, seconds, rtol=1e-9, atol=0.0) for tau in found),
-                f"at '{name}' = {value:g} {parameter.units} it requests the motion "
-                f"{', '.join(f'{tau:g}' for tau in found)} s earlier, not {seconds:g} s",
-            )
+            seconds, earlier = value * parameter.seconds, ", ".join(f"{tau:g}" for tau in found)
+            wrong = f"at '{name}' = {value:g} {parameter.units} it requests the motion {earlier} s earlier"
+            expect(np.any(np.isclose(found, seconds, rtol=1e-9, atol=0.0)), f"{wrong}, not {seconds:g} s")
 
 
 def has_sane_knots(mechanism: Mechanism) -> None:
@@ -376,11 +315,10 @@ def derives_with_uncertainty(mechanism: Mechanism) -> None:
     for one, four in zip(once, twice, strict=True):
         expect(np.isfinite(one.value), f"'{one.name}' is {one.value}")
         expect(is_unit(one.units), f"'{one.name}': '{one.units}' is not a unit")
-        expect(
-            one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error),
-            f"'{one.name}': four times the covariance takes sigma from {one.std_error} "
-            f"to {four.std_error}, where twice is expected",
+        found = (
+            f"four times the covariance takes sigma from {one.std_error} to {four.std_error}, where twice is expected"
         )
+        expect(one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error), f"'{one.name}': {found}")
 
 
 def has_a_sane_tolerance(mechanism: Mechanism) -> None:
@@ -394,28 +332,24 @@ def has_a_sane_tolerance(mechanism: Mechanism) -> None:
     expect(sound, f"a tolerance of {sizes} for {len(terms)} terms: give each its 1-sigma size")
 
 
+# In the order in which an author wants to read them.
 MECHANISM_CHECKS: tuple[Callable[[Mechanism], None], ...] = (
     *(is_declared, documents_its_terms, is_configurable, varies_in_known_ways, has_sane_parameters),
     *(keeps_the_shape, is_finite, has_the_same_terms_for_every_theta, states_its_units, is_elementwise, is_pure),
     *(takes_the_meridian_as_an_angle, acts_on_the_moments, flags_its_delays, has_sane_knots),
     *(derives_with_uncertainty, has_a_sane_tolerance),
 )
-"""Every check of a mechanism, in the order in which an author wants to read them."""
 
 
 # ---- The checks of a record effect: a perturbation of the record that is small, pure and linear ----
-
-
-# Units in which wind (m/s) and the place of the accelerometers (m) are compared.
-_WIND, _PLACE = 10.0, 0.1
 
 
 def _channels(flight: Flight) -> FloatArray:
     """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place, inertia."""
     known = sample_flight()
     channels = [getattr(flight, name) / np.max(np.abs(getattr(known, name))) for name in CHANNELS]
-    wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
-    place = [value / _PLACE for value in flight.vehicle.accelerometer_position]
+    wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / 10.0  # m/s
+    place = [value / 0.1 for value in flight.vehicle.accelerometer_position]  # m
     inertia = [flight.vehicle.ixx / known.vehicle.ixx, flight.vehicle.iyy / known.vehicle.iyy]
     constant = np.array([*place, *inertia])[:, np.newaxis] * np.ones(flight.samples)
     return np.concatenate([np.array(channels, dtype=float), wind, constant])
@@ -424,8 +358,7 @@ def _channels(flight: Flight) -> FloatArray:
 def _changes(effect: RecordEffect, share: float) -> Iterator[tuple[str, float, FloatArray]]:
     """Name and size of each component, and what a share of that changes in the sample's channels."""
     for name, _, size in effect.components(sample_flight()):
-        changed = _channels(effect.perturb(sample_flight(), name, share * size))
-        yield name, size, changed - _channels(sample_flight())
+        yield name, size, _channels(effect.perturb(sample_flight(), name, share * size)) - _channels(sample_flight())
 
 
 def has_sane_components(effect: RecordEffect) -> None:
@@ -472,7 +405,6 @@ EFFECT_CHECKS: tuple[Callable[[RecordEffect], None], ...] = (
     *(is_declared, has_sane_components, leaves_the_record_alone_at_zero, changes_the_record),
     *(is_linear_for_small_values, leaves_its_input_alone),
 )
-"""Every check of a record effect."""
 
 
 def has_a_family_and_splines(process: Process) -> None:
@@ -507,34 +439,25 @@ def multiplies_shapes_by_splines(process: Process) -> None:
     expect(same, "its terms are not its shapes times the splines: write `shapes`, and no `terms`")
 
 
-PROCESS_CHECKS: tuple[Callable[[Process], None], ...] = (
-    has_a_family_and_splines,
-    has_an_estimated_size,
-    multiplies_shapes_by_splines,
-)
-"""What a process has to pass besides."""
+def _of_a_process(item: Mechanism | RecordEffect) -> Checks:
+    """What a process has to pass besides."""
+    own = (has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines)
+    return own if isinstance(item, Process) else ()
 
 
-# What an analysis relies on; the other checks are for the author.
-_OF_MECHANISMS = (
-    *(has_sane_parameters, keeps_the_shape, has_the_same_terms_for_every_theta, is_finite),
-    *(has_sane_knots, has_a_sane_tolerance),
-)
-
-
-def relied_on(item: Mechanism | RecordEffect) -> tuple[Callable[[Any], None], ...]:
-    """The checks that an analysis relies on; each raises Nonconformity where the item breaks it."""
-    own: tuple[Callable[[Any], None], ...] = PROCESS_CHECKS if isinstance(item, Process) else ()
+def relied_on(item: Mechanism | RecordEffect) -> Checks:
+    """The checks that an analysis relies on, the others being for the author; each raises Nonconformity."""
+    own = (is_declared, *_of_a_process(item))
     if isinstance(item, Mechanism):
-        return (is_declared, *own, *_OF_MECHANISMS)
-    linear = (is_linear_for_small_values,) if own else ()
-    return (is_declared, *own, has_sane_components, changes_the_record, *linear)
+        terms = (keeps_the_shape, has_the_same_terms_for_every_theta, is_finite)
+        return (*own, has_sane_parameters, *terms, has_sane_knots, has_a_sane_tolerance)
+    linear = (is_linear_for_small_values,) if isinstance(item, Process) else ()
+    return (*own, has_sane_components, changes_the_record, *linear)
 
 
-def checks_of(item: Mechanism | RecordEffect) -> tuple[Callable[[Any], None], ...]:
+def checks_of(item: Mechanism | RecordEffect) -> Checks:
     """Every check that applies to an item."""
-    checks: tuple[Callable[[Any], None], ...] = MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS
-    return (*checks, *PROCESS_CHECKS) if isinstance(item, Process) else checks
+    return (*(MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS), *_of_a_process(item))
 
 
 def conformance(item: Mechanism | RecordEffect) -> tuple[Outcome, ...]:

@@ -9,9 +9,6 @@ A plugin is a module that an entry point of the group `brv_hypo.mechanisms` name
 `brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one instance
 of each, with default options.
 
-    # my_package/ablation.py
-    from brv_hypo.mechanisms import Mechanism, Term, hookimpl
-
     class Ablation(Mechanism):
         name, title = "ablation", "moment from uneven ablation"
         claims, source = "out-of-plane moment proportional to alpha", "my report, Eq. 1"
@@ -23,16 +20,10 @@ of each, with default options.
     def brv_hypo_mechanisms():
         return [Ablation()]
 
-    # pyproject.toml
-    [project.entry-points."brv_hypo.mechanisms"]
-    ablation = "my_package.ablation"
-
 Class variables say what else is known of the mechanism. A process is a moment (`shapes`), or an error of the record
-(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. The same hooks give
-processes; `brv-hypo docs mechanism` has examples.
-
-The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
-a package, `brv-hypo mechanisms check NAME` tests one against the contract.
+(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. `brv-hypo docs
+mechanism` has examples, `brv-hypo mechanisms new NAME` writes a package with its entry point, `check NAME` tests it.
+The built-in mechanisms are registered in this way and in no other.
 """
 
 from __future__ import annotations
@@ -55,18 +46,13 @@ from brv_hypo.motion.motion import Motion
 
 ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
 hookimpl = pluggy.HookimplMarker("brv_hypo")
-
 TimeVariation = Literal["constant", "jump", "ramp"]
-
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
 """What kind of thing a record effect or a process is."""
 
 
 def current_name(name: str) -> str:
-    """The name of a term as files have it today: the static moment's coefficients were once C_N0, C_Nalpha, C_Nalpha3.
-
-    Models written before are read by this; no term may have one of the three names any more.
-    """
+    """Today's name of a term: older files call the static moment's coefficients C_N0, C_Nalpha, C_Nalpha3."""
     return re.sub(r"\bC_N(0|alpha3?)\b", r"C_m\1", name)
 
 
@@ -111,20 +97,15 @@ class Derived:
     def polar(
         cls, size: str, angle: str, pair: tuple[float, float], covariance: FloatArray, sense: float = 1.0
     ) -> tuple[Derived, ...]:
-        """Size and direction (rad, counted in `sense`) of a vector of two coefficients without unit, by these names.
-
-        To first order in the covariance (2, 2); nothing where both are 0.
-        """
+        """Size and direction (rad, counted in `sense`) of a pair, to first order in its covariance (2, 2)."""
         x, y = pair
         length = float(np.hypot(x, y))
         if length == 0.0:
             return ()
-        along, across = np.array([x, y]) / length, np.array([-y, x]) / length
-        turn = float(np.sqrt(across @ covariance @ across)) / length
-        return (
-            cls(size, length, float(np.sqrt(along @ covariance @ along)), "1"),
-            cls(angle, float(np.arctan2(sense * y, x)), turn, "rad"),
-        )
+        axes = np.array([[x, y], [-y, x]]) / length
+        along, across = np.sqrt(np.einsum("ij,jk,ik->i", axes, covariance, axes)).tolist()
+        turned = cls(angle, float(np.arctan2(sense * y, x)), across / length, "rad")
+        return cls(size, length, along, "1"), turned
 
 
 class Component(NamedTuple):
@@ -163,7 +144,6 @@ class Mechanism(BaseModel, ABC):
     """What the net coefficient of a term can be on any body, by term: a fraction lies in [0, 1]."""
     wind_fixed: ClassVar[bool] = False
     """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
-
     follows: ClassVar[Literal["mach", "reynolds"] | None] = None
     """The quantity whose schedule the terms are, which comes before jumps in time. A model that takes in one by Mach
     number has that schedule, smooth, from then on."""
@@ -193,10 +173,7 @@ class Mechanism(BaseModel, ABC):
         return None
 
     def of_each_flight(self, flight: Flight) -> bool:
-        """Whether each of several flights has coefficients of its own, as a c.g. offset has; else all share them.
-
-        What changes at times of the record is of its flight in any case.
-        """
+        """Whether each of several flights has coefficients of its own, as of a c.g. offset; what is timed has."""
         return self.tolerance(flight) is not None
 
 
@@ -259,13 +236,12 @@ class MomentProcess(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
-        histories = time_splines(motion.time, self.start, self.stop, self.splines)
-        products = [
-            (f"{self.name} {number} {k}", shape * histories[..., k])
-            for number, shape in enumerate(self.shapes(motion))
-            for k in range(self.splines)
-        ]
-        return tuple(Term(name, product.real.copy(), product.imag.copy()) for name, product in products)
+        histories, terms = time_splines(motion.time, self.start, self.stop, self.splines), list[Term]()
+        for number, shape in enumerate(self.shapes(motion)):
+            for k in range(self.splines):
+                product = shape * histories[..., k]
+                terms.append(Term(f"{self.name} {number} {k}", product.real.copy(), product.imag.copy()))
+        return tuple(terms)
 
 
 def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:
@@ -274,10 +250,7 @@ def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:
 
 
 class RecordProcess(RecordEffect):
-    """A channel's error with an unknown smooth history in time, in cubic B-splines over the record.
-
-    The coefficients of all channels share one amplitude, which is estimated, zero included.
-    """
+    """A channel's error with an unknown smooth history, in cubic B-splines over the record of one estimated size."""
 
     claims = MomentProcess.claims
     source = MomentProcess.source

@@ -4,9 +4,8 @@ A plugin is a module (entry point or .py file) with the hooks of contract.py, or
 Each is loaded and checked on its own: an installed one that breaks the contract is left out with a reason that names
 its package, file and line, and changes nothing else; a file that was asked for and breaks it is refused.
 
-Nuisances, record effects and mechanisms with a tolerance, and processes are in every hypothesis: those of this
+Nuisances (record effects, and mechanisms with a tolerance) and processes are in every hypothesis: those of this
 distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).
-What is installed and not asked for changes no result.
 """
 
 from __future__ import annotations
@@ -46,13 +45,11 @@ HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
 
 Item = Mechanism | RecordEffect
 Found = tuple[list[Item], list[str]]
+_files: tuple[str, ...] = ()
 
 
 def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
-    """The items of the plugin that `load` imports, and what is wrong with those that break their contract.
-
-    Raises MechanismError where the plugin as a whole cannot be used.
-    """
+    """The items of the plugin that `load` imports, and what is wrong with others; MechanismError for the whole."""
     plugin = answer(name, package, load)
     hooks = [hook for hook in HOOKS if callable(getattr(plugin, hook, None))]
     if not hooks:
@@ -74,10 +71,7 @@ def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
 
 
 def load_file(path: str) -> Found:
-    """The items of one .py file, or the mechanism of one .yaml file.
-
-    Raises UsageError where the file is neither or a .yaml file is wrong, MechanismError where the code is.
-    """
+    """The items of a .py file, or the mechanism of a .yaml file; UsageError where it is neither, MechanismError."""
     check_regular(path, "a plugin (.py) or a mechanism (.yaml)")
     file = Path(path)
     if is_mechanism_file(path):
@@ -115,12 +109,6 @@ def _check(item: Any, plugin: str, package: str) -> None:
             raise fault(name, package, str(broken), unchecked(item).__class__) from None
 
 
-# ---- Finds the installed plugins, each on its own, and looks their mechanisms up by name ----
-
-
-_files: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True)
 class Installed:
     """A mechanism or record effect with the distribution, or the file, that brought it."""
@@ -131,10 +119,7 @@ class Installed:
 
 
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
-    """Load these .py and .yaml files beside what is installed, instead of those of an earlier call.
-
-    They are read when mechanisms are first asked for; MechanismError then where one of them breaks the contract.
-    """
+    """Load these .py and .yaml files beside what is installed, instead of an earlier call's, when first needed."""
     global _files
     _files = tuple(str(Path(path).absolute()) for path in paths)
     _loaded.cache_clear()
@@ -182,13 +167,12 @@ def _add(found: dict[str, Installed], package: str, version: str, load: Callable
     except MechanismError as error:
         items, problems = [], [str(error)]
     for item in items:
-        if item.name in found:
-            problems.append(
-                f"'{item.name}' of {package} has the name of one of {found[item.name].package}, which is kept. "
-                "Uninstall or rename one of them."
-            )
-        else:
-            found[item.name] = Installed(item if package == OWN else checked(item, package), package, version)
+        kept = found.setdefault(
+            item.name, Installed(item if package == OWN else checked(item, package), package, version)
+        )
+        if unchecked(kept.item) is not item:
+            twice = f"'{item.name}' of {package} has the name of one of {kept.package}, which is kept."
+            problems.append(f"{twice} Uninstall or rename one of them.")
     return problems
 
 
@@ -198,14 +182,11 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
     return tuple(item for item in items if isinstance(item, Mechanism) and item.kind == kind)
 
 
-ALL_INSTALLED = "installed"  # what stands among names of mechanisms for every one that is installed
-
-
 def compared(names: Sequence[str]) -> list[str]:
     """The names, with `installed` replaced; where there are none, the mechanisms of this distribution and of files."""
     known = [item.name for item in mechanisms()]
-    own = [name for name in known if (package := installed()[name].package) == OWN or package in _files]
-    return [each for name in names for each in (known if name == ALL_INSTALLED else [name])] or own
+    own = [name for name in known if installed()[name].package in (OWN, *_files)]
+    return [each for name in names for each in (known if name == "installed" else [name])] or own
 
 
 def record_effects() -> tuple[RecordEffect, ...]:
@@ -215,10 +196,7 @@ def record_effects() -> tuple[RecordEffect, ...]:
 
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
-    """The mechanism of that name, or of a mechanism file, with options set.
-
-    Raises UsageError with the nearest names, or with what is wrong in the file.
-    """
+    """The mechanism of that name or file, with options; raises UsageError with the nearest names, or what is wrong."""
     item = _found(name, [key for key, entry in installed().items() if isinstance(entry.item, Mechanism)])
     assert isinstance(item, Mechanism)
     if not options or is_mechanism_file(name):
@@ -237,10 +215,7 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:
-    """The mechanism or record effect of that name, or of a mechanism file.
-
-    Raises UsageError with the nearest names, or with what is wrong in the file.
-    """
+    """The mechanism or record effect of that name or file; raises UsageError as `find` does."""
     return _found(name, list(installed()))
 
 
@@ -317,11 +292,8 @@ def moment_processes() -> tuple[MomentProcess, ...]:
 def _nuisances() -> list[Item]:
     """All of which a tolerance may be known: of this distribution, or asked for."""
     names, faulty = _requested.get()
-    return [
-        entry.item
-        for name, entry in installed().items()
-        if (entry.package == OWN or entry.package in _files or name in names) and name not in faulty
-    ]
+    wanted = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
+    return [entry.item for name, entry in installed().items() if name in wanted - faulty]
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
@@ -330,19 +302,12 @@ def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
     def applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
         return effect.perturb(flight, component, value)
 
-    return tuple(
-        Perturbation(effect.name, name, units, size, partial(applied, effect, name))
-        for effect in nuisance_effects()
-        for name, units, size in effect.components(flight)
-    )
+    known = ((effect, component) for effect in nuisance_effects() for component in effect.components(flight))
+    return tuple(Perturbation(effect.name, *each, partial(applied, effect, each.name)) for effect, each in known)
 
 
 def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
     """The record with what is known of nuisance effects' components (SI) taken out; other names are passed over."""
-    changed = (
-        effect.perturb(flight, component.name, -errors[effect.name, component.name])
-        for effect in nuisance_effects()
-        for component in effect.components(flight)
-        if (effect.name, component.name) in errors
-    )
-    return superposed(flight, changed)
+    known = ((effect, each.name) for effect in nuisance_effects() for each in effect.components(flight))
+    held = [(effect, name, errors[effect.name, name]) for effect, name in known if (effect.name, name) in errors]
+    return superposed(flight, (effect.perturb(flight, name, -value) for effect, name, value in held))

@@ -1,19 +1,9 @@
 """Mechanisms written in a YAML file: products of a few named functions of the motion, and nothing else.
 
-    format: brv-mechanism
-    format_version: 1
-    name: turning_moment
-    title: body-fixed moment that turns at 5 rad/s
-    claims: a moment of constant size that turns in the body at 5 rad/s
-    source: discovered on a flight
-    terms:
-      - {name: along, axis: body_y, turn: {of: time, rate: 5.0}}
-      - {name: across, axis: body_z, turn: {of: time, rate: 5.0}}
-
-A term is a moment of unit coefficient along an axis, which may turn, times its factors: powers, jumps, ramps,
-schedules of one quantity each; it may be that of an earlier motion (`delay`). `along_rates` is the axis of the
-transverse rates times d / 2V, which damping has, and `across_rates` a right angle from it.
-No expression is evaluated as code.
+A term (`terms: [{name: along, axis: body_y, turn: {of: time, rate: 5.0}}]`) is a moment of unit coefficient along an
+axis, which may turn, times its factors: powers, jumps, ramps, schedules of one quantity each; it may be that of an
+earlier motion (`delay`). `along_rates` is the axis of the transverse rates times d / 2V, which damping has, and
+`across_rates` a right angle from it. No expression is evaluated as code. `brv-hypo docs mechanism` has a whole file.
 """
 
 from __future__ import annotations
@@ -41,9 +31,8 @@ Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z", "along_rates", "a
 
 def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
     """The quantity on the motion's shape."""
-    if quantity == "log_reynolds":
-        return np.asarray(np.log10(motion.reynolds), dtype=float)
-    return np.asarray(getattr(motion, quantity), dtype=float)
+    values = np.log10(motion.reynolds) if quantity == "log_reynolds" else getattr(motion, quantity)
+    return np.asarray(values, dtype=float)
 
 
 class _Part(BaseModel):
@@ -68,10 +57,8 @@ class Factor(_Part):
     @model_validator(mode="after")
     def _schedule_is_whole(self) -> Factor:
         if (self.function == "schedule") != bool(self.places) or len(self.places) != len(self.values):
-            raise ValueError(
-                f"a schedule, and nothing else, has as many 'values' as 'places'; got {self.function} with "
-                f"{len(self.places)} and {len(self.values)}"
-            )
+            got = f"got {self.function} with {len(self.places)} and {len(self.values)}"
+            raise ValueError(f"a schedule, and nothing else, has as many 'values' as 'places'; {got}")
         if any(b <= a for a, b in pairwise(self.places)):
             raise ValueError("'places' must increase")
         return self
@@ -119,8 +106,7 @@ class YamlTerm(_Part):
     @property
     def follows_time(self) -> bool:
         """Whether it is a function of the record's time."""
-        turns = self.turn is not None and self.turn.of == "time"
-        return turns or any(factor.of == "time" for factor in self.factors)
+        return any(each is not None and each.of == "time" for each in (self.turn, *self.factors))
 
     def column(self, motion: Motion) -> Term:
         """The term's columns: C_N' + i C_Z' = (C_m + i C_n) exp(i phi_w) (Eq. 2.6, erratum E2)."""
@@ -129,9 +115,8 @@ class YamlTerm(_Part):
         def of(quantity: Quantity) -> FloatArray:
             return values_of(motion if quantity == "time" else before, quantity)
 
-        direction = np.exp(1j * (motion.windward_meridian - before.windward_meridian))
-        if self.axis in ("body_y", "body_z"):
-            direction = np.exp(1j * motion.windward_meridian)
+        of_body = self.axis in ("body_y", "body_z")
+        direction = np.exp(1j * (motion.windward_meridian - (0.0 if of_body else before.windward_meridian)))
         if self.axis in ("along_rates", "across_rates"):
             direction = direction * before.plane_rates
         if self.axis in ("out_of_plane", "body_z", "across_rates"):
@@ -177,8 +162,7 @@ class YamlMechanism(Mechanism):
 
 def mechanism_of(content: MechanismFile) -> YamlMechanism:
     """The mechanism that a file's content defines."""
-    labels = content.model_dump(include={"name", "title", "claims", "source"})
-    return YamlMechanism(definition=content.terms, **labels)
+    return YamlMechanism(definition=content.terms, **content.model_dump(include={"name", "title", "claims", "source"}))
 
 
 def is_mechanism_file(name: str) -> bool:
@@ -187,17 +171,12 @@ def is_mechanism_file(name: str) -> bool:
 
 
 def read_mechanism(path: str | Path) -> YamlMechanism:
-    """The mechanism of a YAML file.
-
-    Raises UsageError that says what is wrong and where.
-    """
+    """The mechanism of a YAML file; raises UsageError that says what is wrong and where."""
     try:
         return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:
-        problems = problems_of(error)
-        raise UsageError(
-            f"{path} is not a mechanism file: {problems}. `brv-hypo trace --write-mechanism` writes valid ones."
-        ) from None
+        found = f"{path} is not a mechanism file: {problems_of(error)}."
+        raise UsageError(f"{found} `brv-hypo trace --write-mechanism` writes valid ones.") from None
 
 
 def mechanism_text(content: MechanismFile) -> str:

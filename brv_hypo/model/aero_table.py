@@ -32,10 +32,7 @@ _MOST_PLACES = 400  # every place is an unknown of the regression
 
 
 class AeroTable(BaseModel):
-    """C_malpha (1/rad; negative on a stable vehicle) and its 1-sigma uncertainty, by Mach number and alpha (rad).
-
-    Between the places it is linear in each, beyond them it keeps its last value.
-    """
+    """C_malpha (1/rad) and its 1-sigma uncertainty by Mach number and alpha (rad), linear between, constant beyond."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -77,19 +74,13 @@ def _hats(values: FloatArray, places: Sequence[float]) -> FloatArray:
     return np.stack([np.interp(inside, places, row) for row in np.eye(len(places))], axis=-1)
 
 
-class _OfTable(DesignMoment):
-    """A moment by a user's table."""
-
-    source = "the user's table"
-
-    table: AeroTable
-
-
-class TableSlope(_OfTable):
+class TableSlope(DesignMoment):
     """The static moment that the table gives; its coefficient is 1 where the table is right on the whole."""
 
     name, title = "aero_table", "static moment by the aerodynamic table"
-    claims = "the table's moment in the plane of the angle of attack"
+    claims, source = "the table's moment in the plane of the angle of attack", "the user's table"
+
+    table: AeroTable
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: the table's slope times alpha."""
@@ -97,11 +88,13 @@ class TableSlope(_OfTable):
         return (Term("C_malpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
 
 
-class TableIncrements(_OfTable):
+class TableIncrements(DesignMoment):
     """What the slope is more at each place of the table, as far as its uncertainty allows."""
 
     name, title = "aero_increment", "increments to the aerodynamic table"
-    claims = "the table is wrong by about its uncertainty"
+    claims, source = "the table is wrong by about its uncertainty", "the user's table"
+
+    table: AeroTable
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term a place: a linear spline around it, times alpha."""
@@ -117,10 +110,7 @@ class TableIncrements(_OfTable):
 
 
 def read_aero_table(path: str | Path) -> AeroTable:
-    """The table in a CSV file; see the module's description.
-
-    Raises UsageError that says what is wrong and where.
-    """
+    """The table in a CSV file (see above); raises UsageError that says what is wrong and where."""
     import pandas as pd
 
     text = io.StringIO(read_text(path, _EXPECTED, _CSV_BYTES))
@@ -145,10 +135,8 @@ def read_aero_table(path: str | Path) -> AeroTable:
     tables = {name: numbers.pivot(index="mach", columns="alpha", values=name) for name in ("slope", "std_error")}
     places = tables["slope"]
     if places.isna().any(axis=None):
-        raise UsageError(
-            f"{path} has {len(rows)} places, expected every alpha ({places.shape[1]}) at every Mach number "
-            f"({places.shape[0]}). Fill in what is missing."
-        )
+        expected = f"every alpha ({places.shape[1]}) at every Mach number ({places.shape[0]})"
+        raise UsageError(f"{path} has {len(rows)} places, expected {expected}. Fill in what is missing.")
     content = {name: table.to_numpy().tolist() for name, table in tables.items()}
     try:
         return AeroTable.model_validate({"mach": [*places.index], "alpha": [*places.columns], **content})

@@ -24,6 +24,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.smoother import BENT
 
 BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do
+Quantity = Literal["time", "mach", "speed"]
 
 
 def static_terms(motion: Motion) -> tuple[Term, Term]:
@@ -88,10 +89,7 @@ class StaticMoment(DesignMoment):
         return tuple(found)
 
     def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
-        """Mean over a motion of the slope (1/rad) that all its terms make together; `values` by term's name.
-
-        Single ones may be anything where polynomials and speed say nearly the same.
-        """
+        """Mean over a motion of the slope (1/rad) that all its terms make together; `values` by term's name."""
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
         slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))
@@ -136,9 +134,6 @@ class PitchDamping(Mechanism):
         return (pitch_damping_term(motion),)
 
 
-Quantity = Literal["time", "mach", "speed"]
-
-
 class StaticBend(DesignMoment):
     """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
 
@@ -161,8 +156,7 @@ class StaticBend(DesignMoment):
             return (bend,)
         by, low, high = self.drift
         along = {"time": motion.time, "mach": motion.mach, "speed": motion.velocity}[by]
-        place = scaled(along, low, high)
-        return bend, Term("C_malpha3 drift 1", cube * place, nothing, "1/rad^3")
+        return bend, Term("C_malpha3 drift 1", cube * scaled(along, low, high), nothing, "1/rad^3")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad^3) of each coefficient."""
@@ -174,8 +168,6 @@ class StaticBend(DesignMoment):
 # cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
 # 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can
 # tell for other effects.
-
-
 SCHEDULE_LENGTH = 0.7
 SCHEDULE_SMALLEST = 3e-3  # of the first term's prior, below which a term says nothing
 SCHEDULE_NOTHING = 1e-3  # of the process's own size, the same

@@ -57,10 +57,7 @@ class OwnTime:
 
 @dataclass(frozen=True)
 class CommonTime:
-    """The flights' own times, by flight; common time is that of flight `reference` (from 0).
-
-    `late`: see `aligned`; None where flights share their Mach numbers.
-    """
+    """The flights' own times; common time is that of flight `reference` (from 0), and `late` is as of `aligned`."""
 
     flights: tuple[OwnTime, ...]
     reference: int
@@ -159,7 +156,11 @@ def _common(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: Fl
     where Mach number hardly runs it determines time badly; a shift or a change of pace between flights is then
     estimated far better.
     """
-    raw, means = _time_of(mach, reference.time, reference.mach), _means(time, measured, COMMON_MEANS)
+    first, last = reference.mach[[0, -1]]
+    sign, slow = float(np.sign(last - first)), abs(_mean_pace(reference.time, reference.mach))
+    beyond = np.minimum(sign * (mach - first), 0.0) + np.maximum(sign * (mach - last), 0.0)  # there at its mean pace
+    raw: FloatArray = np.interp(sign * mach, sign * reference.mach, reference.time) + beyond * slow
+    means = _means(time, measured, COMMON_MEANS)
     pace, by_mach = np.gradient(reference.mach, reference.time), np.interp(means[:, 0], time, raw)
     inside = (by_mach > reference.time[0]) & (by_mach < reference.time[-1])
     at, measured = means[inside].T
@@ -190,14 +191,6 @@ def _common(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: Fl
 def _bic(squares: float, size: int, parameters: int) -> float:
     """Of the sum of squares that so many parameters leave of so many means."""
     return float(size * np.log(max(squares, 1e-300) / size) + parameters * np.log(size))
-
-
-def _time_of(mach: FloatArray, time: FloatArray, reference: FloatArray) -> FloatArray:
-    """When the reference flight has a Mach number (n,), s; beyond its own at its mean pace."""
-    sign, pace = float(np.sign(reference[-1] - reference[0])), _mean_pace(time, reference)
-    inside = np.interp(sign * mach, sign * reference, time)
-    before, after = np.minimum(sign * (mach - reference[0]), 0.0), np.maximum(sign * (mach - reference[-1]), 0.0)
-    return np.asarray(inside + (before + after) * abs(pace), dtype=float)
 
 
 def _mean_pace(time: FloatArray, mach: FloatArray) -> float:

@@ -51,10 +51,7 @@ class Applied(BaseModel):
 
 
 class Model(BaseModel):
-    """What explains the flights: regressors of these mechanisms, components of record effects; `added`: in what order.
-
-    `model + more` has the mechanisms, regressors and effects of both.
-    """
+    """What explains the flights: regressors of mechanisms, and components of record effects, `added` in that order."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -91,13 +88,13 @@ class Model(BaseModel):
     @property
     def lasting(self) -> BoolArray:
         """Which columns do not belong to the times of one record, and mean the same on another (columns,)."""
-        return np.array([not _follows_time(c, self.mechanisms[c.mechanism]) for c in self.columns], dtype=bool)
+        own = (each for each in self.mechanisms.values() if isinstance(each, YamlMechanism))
+        timed = {(each.name, term.name) for each in own for term in each.definition if term.follows_time}
+        constant = (c.time_basis.kind == "constant" and (c.mechanism, c.term) not in timed for c in self.columns)
+        return np.fromiter(constant, dtype=bool)
 
     def tolerated(self, flight: Flight) -> tuple[Mechanism, ...]:
-        """Mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of the baseline.
-
-        What the model has as columns, for all flights, is free or known from elsewhere, and has none.
-        """
+        """Mechanisms whose coefficients have a prior on this flight: of its vehicle, or the baseline; not free ones."""
         free = {column.mechanism for column in self.columns if column.flight is None}
         own = (self.mechanisms[name] for name in TOLERATED if name in self.mechanisms)
         return tuple(mechanism for mechanism in (*nuisance_mechanisms(flight), *own) if mechanism.name not in free)
@@ -120,11 +117,6 @@ class Model(BaseModel):
                 if isinstance(m, YamlMechanism)
             ),
         )
-
-
-def _follows_time(column: Regressor, mechanism: Mechanism) -> bool:
-    terms = mechanism.definition if isinstance(mechanism, YamlMechanism) else ()
-    return column.time_basis.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
 
 
 # ---- Its file ----
@@ -212,8 +204,7 @@ class ModelError(_Saved):
         if not self.mach:
             return np.full(mach.shape, whole)
         known = np.isfinite(mach)
-        found = np.sqrt(np.interp(np.where(known, mach, self.mach[0]), self.mach, values**2))
-        return np.where(known, found, whole)
+        return np.where(known, np.sqrt(np.interp(np.where(known, mach, self.mach[0]), self.mach, values**2)), whole)
 
 
 class SavedRecordError(_Saved):
@@ -244,10 +235,8 @@ class SavedRecordError(_Saved):
             raise UsageError(f"the model's options of '{self.effect}': {problems_of(wrong)}") from None
         found = {each.name: each for each in effect.components(flight)}
         if self.component not in found:
-            raise UsageError(
-                f"the model holds '{self.component}' of '{self.effect}', which has {', '.join(found)}. "
-                "Trace the flight anew."
-            )
+            holds = f"the model holds '{self.component}' of '{self.effect}', which has {', '.join(found)}"
+            raise UsageError(f"{holds}. Trace the flight anew.")
         name, units, size = found[self.component]
         return Applied(effect=effect, component=name, units=units, size=size, value=self.value, flight=self.flight)
 
@@ -367,10 +356,7 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
 
 
 def read_model(path: Path) -> SavedModel:
-    """The model in a file, with its coefficients.
-
-    Raises UsageError where the file holds none, or one without coefficients.
-    """
+    """The model in a file; raises UsageError where it holds none, or one without coefficients."""
     model = read_structure(path)
     if not model.columns or any(column.value is None for column in model.columns):
         raise UsageError(

@@ -10,7 +10,6 @@ from typing import Any, Unpack
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.mechanisms.registry import nuisance_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
@@ -49,18 +48,11 @@ def reconstruct(
         report_to(progress)(0.0, "reconstructing the motion")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         found = reconstruct_with(record, chosen, perturbations(record))
-    sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
-    return replace(found, moments=replace(found.moments, sigma=sigma))
-
-
-def _of_the_vehicle(found: Reconstruction) -> FloatArray:
-    """Standard deviation (n,) of a component of the moments by what is not known of c.g. and axes of inertia.
-
-    Moments are about the stated c.g. and axes: what turns about others is not the aerodynamics'.
-    """
+    # Moments are about the stated c.g. and axes: what turns about others is not the aerodynamics'.
     variance = np.zeros(found.flight.samples)
     for mechanism in nuisance_mechanisms(found.flight):
         sizes = mechanism.tolerance(found.flight) or ()
         for term, size in zip(mechanism.terms(found.motion, {}), sizes, strict=True):
             variance += 0.5 * size**2 * (term.in_plane**2 + term.out_of_plane**2)
-    return np.asarray(np.sqrt(variance))
+    sigma = np.hypot(found.moments.sigma, np.sqrt(variance))
+    return replace(found, moments=replace(found.moments, sigma=sigma))

@@ -21,6 +21,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 
+BASELINE = "baseline"
+Theta = tuple[tuple[str, float], ...]
+
 
 @dataclass(frozen=True)
 class TimeBasis:
@@ -50,11 +53,6 @@ class TimeBasis:
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
 
 
-# ---- Regressors: which coefficient, of which mechanism, with which basis in time ----
-
-
-BASELINE = "baseline"
-Theta = tuple[tuple[str, float], ...]
 Choice = tuple[str, str | None, Theta, TimeBasis, int | None]
 
 
@@ -117,10 +115,7 @@ def default_knots(start: float, stop: float, count: int) -> FloatArray:
 
 
 def theta_grid(mechanism: Mechanism, *, dense: bool = False) -> tuple[Theta, ...]:
-    """Every point of the grid of nonlinear parameters; one empty point where there is none.
-
-    `dense` adds the geometric mean of neighbouring positive values.
-    """
+    """Every point of the grid of nonlinear parameters, or the one empty point; `dense`: geometric means between too."""
     points: list[dict[str, float]] = [{}]
     for parameter in mechanism.parameters():
         grid = np.asarray(parameter.grid, dtype=float)
@@ -168,8 +163,7 @@ def evaluated(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism],
     for column in columns:
         key = (column.mechanism, column.theta)
         if key not in known:
-            terms = mechanisms[column.mechanism].terms(motion, dict(column.theta))
-            known[key] = {term.name: term for term in terms}
+            known[key] = {term.name: term for term in mechanisms[column.mechanism].terms(motion, dict(column.theta))}
     return [known[column.mechanism, column.theta][column.term] for column in columns]
 
 

@@ -52,27 +52,6 @@ EVIDENCE = (
 )
 
 
-def _probability(comparison: Comparison) -> Chart:
-    """Of each hypothesis, the likeliest first, of equals as they are ranked."""
-    chances = comparison.verdict.probability
-    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
-    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
-    panels, over = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
-    return Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=over)
-
-
-def _evidence(comparison: Comparison) -> Chart:
-    """ln evidence, and how much better stretches held out are predicted, over the baseline only."""
-    rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
-    held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
-    places, level = list(range(len(rows))), [row.log_evidence for row in rows]
-    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
-    evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
-    panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
-    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
-    return Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
-
-
 def _sizes(comparison: Comparison) -> Chart:
     """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = p."""
     sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
@@ -121,14 +100,10 @@ def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict
 
 def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Setting:
     """What charts over time of one flight share, with the knots of a hypothesis."""
-    flight, several = comparison.flights[index], len(comparison.flights) > 1
-    return Setting(
-        (flight.start_s, flight.stop_s),
-        list(knots),
-        charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
-        f"-{index + 1}" if several else "",
-        f", flight {index + 1}" if several else "",
-    )
+    flight = comparison.flights[index]
+    faults = charts.masked(comparison.record.faults, flight.stop_s - flight.start_s)
+    which = (f"-{index + 1}", f", flight {index + 1}") if len(comparison.flights) > 1 else ("", "")
+    return Setting((flight.start_s, flight.stop_s), list(knots), faults, *which)
 
 
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
@@ -157,13 +132,12 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         by_alpha = charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
         moments.append(replace(by_alpha, caption=ALONE))
         if best is leader:
-            overview = replace(
+            name, heading = f"overview{setting.suffix}", f"{heading}{setting.which}"
+            chart, marks = (
                 charts.moment_chart(setting, time, sigma, drawn, beyond),
-                name=f"overview{setting.suffix}",
-                heading=f"{heading}{setting.which}",
-                caption=ALONE,
-                marks=[Mark(at, name) for at, name in knots.items()],
+                [Mark(*knot) for knot in knots.items()],
             )
+            overview = replace(chart, name=name, heading=heading, caption=ALONE, marks=marks)
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
@@ -209,18 +183,14 @@ def _net(row: RankedHypothesis, term: tuple[str, str], nothing: float) -> FloatA
     ramps = [own.region_s for own in row.terms if (own.mechanism, own.name) == (term[0], f"ramp in {term[1]}")]
     steps, value, sigma = list[tuple[float, float, float]](), nothing, 0.0
     for each in row.intervals:
-        first = last = next(
-            ((own.value, own.std_error) for own in each.values if (own.mechanism, own.name) == term), (nothing, 0.0)
-        )
+        net = {(own.mechanism, own.name): (own.value, own.std_error) for own in each.values}
+        first = last = net.get(term, (nothing, 0.0))
         if any(region is not None and region[0] <= each.start_s < region[1] for region in ramps):
             mean, error = first
             first, last = (value, sigma), (2.0 * mean - value, max(4.0 * error**2 - 3.0 * sigma**2, 0.0) ** 0.5)
         value, sigma = last
         steps += [(each.start_s, *first), (each.stop_s, *last)]
     return np.array(steps).T
-
-
-# ---- A comparison as a document ----
 
 
 def comparison_document(comparison: Comparison) -> Document:
@@ -233,10 +203,18 @@ def comparison_document(comparison: Comparison) -> Document:
         known = comparison.functions.items()
         return [derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known]
 
-    others = [
-        Section(f"Flight {k + 1}", [*chain(*flights[k].values()), *functions(k)], folded=True)
-        for k in range(1, len(flights))
-    ]
+    further = [(k + 1, [*chain(*flights[k].values()), *functions(k)]) for k in range(1, len(flights))]
+    others = [Section(f"Flight {number}", drawn, folded=True) for number, drawn in further]
+    known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
+    joined = (row.mechanism for row in ranking if "+" in row.mechanism and row.mechanism not in verdict.probability)
+    idle = [f"{name} is no hypothesis of its own: a part of it does not act." for name in joined]
+    names = tables.collinear_names(comparison.collinear_groups)
+    collinear = Texts(names, bullets=False, shown="verbose"), Texts(comparison.collinear, tables.PAIRS, shown="page")
+    terms = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    if ranking:
+        seconds = comparison.seconds
+        notes.append(f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood")
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
@@ -246,7 +224,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ahead=(
             *first["overview"],
             tables.ranking_table(comparison),
-            Texts(tables.idle_texts(comparison), bullets=False),
+            Texts(idle, bullets=False),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
         beside=[
@@ -256,7 +234,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ],
         blocks=(
             Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
-            Section("Notes", [_notes(comparison)], folded=True),
+            Section("Notes", [Texts(notes, "How the record was read", shown="verbose")], folded=True),
             Section("Air data and motion", first["motion"], folded=True),
             Section("Moments, measured and modelled", first["moments"]),
             Section("Measured channels", first["channels"], folded=True),
@@ -264,21 +242,10 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
-            Section("Errors of instruments and vehicle", _of_record(comparison)),
-            Section(
-                "Coefficients",
-                [
-                    *functions(0),
-                    *tables.function_blocks(comparison.functions),
-                    Texts(tables.collinear_names(comparison.collinear_groups), bullets=False, shown="verbose"),
-                    Texts(comparison.collinear, tables.PAIRS, shown="page"),
-                ],
-            ),
+            Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known), fits]),
+            Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear]),
             *others,
-            *(
-                Section(f"Terms of {hypothesis(row.mechanism)}", _of_hypothesis(comparison, row), True)
-                for row in ranking
-            ),
+            *terms,
         ),
     )
 
@@ -293,43 +260,40 @@ def _quality(comparison: Comparison) -> list[Block]:
     return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
 
 
-def _notes(comparison: Comparison) -> Texts:
-    """How the records were made ready, and how long it took."""
-    seconds = comparison.seconds
-    took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
-    notes = [note for flight in comparison.flights for note in flight.notes]
-    return Texts([*notes, *took], "How the record was read", shown="verbose")
-
-
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
+    rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
+    held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
+    places, level = list(range(len(rows))), [row.log_evidence for row in rows]
+    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
+    evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
+    panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
+    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
+    over = Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
+    # The likeliest first, of equals as they are ranked.
+    chances = comparison.verdict.probability
+    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
+    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
+    panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
+    likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    title = "largest share of the moment's rms, %"
-    read = (
-        "At 95 %: the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    panels, named = (
+        charts.share_bars(shares, "third"),
+        ("limits", "Upper limits", "largest share of the moment's rms, %"),
     )
-    return [
-        _evidence(comparison),
-        _probability(comparison),
-        Chart("limits", "Upper limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts(comparison.disagreements, "Disagreements"),
-    ]
+    read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    limits = Chart(*named, panels, caption=f"At 95 %: {read}")
+    return [over, likely, limits, Texts(comparison.disagreements, "Disagreements")]
 
 
-def _of_record(comparison: Comparison) -> list[Block]:
-    """Errors over tolerances, and what the maximum likelihood says of its own fit."""
-    rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
+def _fit_texts(comparison: Comparison) -> list[str]:
+    """What the maximum likelihood says of its own fits, and notes on hypotheses."""
     said = []
-    for name, fit in rows:
-        if fit is not None:  # of one in trouble only that: the errors of the record that follow say nothing then
+    for row in comparison.ranking:
+        if (fit := row.ml) is not None:  # of one in trouble only that: errors of the record say nothing then
             message = fit.message.split(";")[0] if fit.trouble else fit.message
-            said.append(f"{name}: {fit.status}, {fit.iterations} iterations: {message}")
-    said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
-    return [
-        charts.errors_chart(comparison.record_errors),
-        tables.error_table(comparison.record_errors),
-        Texts(said, shown="verbose"),
-    ]
+            said.append(f"{hypothesis(row.mechanism)}: {fit.status}, {fit.iterations} iterations: {message}")
+    return said + [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
 
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
@@ -337,17 +301,13 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
     leads = row is comparison.ranking[0]  # its knots are on the first screen
     groups = comparison.collinear_groups if leads else ()
+    values, changes = f"Net values of {name}", f"{name}: jumps and ramps, to be read together"
+    net = [value for each in row.intervals for value in each.values]
+    setting = _setting(comparison, place, _own_knots(row, place, comparison.flights[place]))
     blocks: list[Block] = [
-        _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
-        tables.term_table(
-            f"Net values of {name}",
-            [v for each in row.intervals for v in each.values],
-            "verbose" if leads else "page",
-            row.knots,
-        ),
-        tables.term_table(
-            f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
-        ),
+        _coefficients(setting, row),
+        tables.term_table(values, net, "verbose" if leads else "page", row.knots),
+        tables.term_table(changes, row.terms, knots=row.knots, collinear=groups),
         *([] if leads else [tables.knot_table(comparison, row)]),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

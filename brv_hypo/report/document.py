@@ -161,29 +161,21 @@ class Chart:
 
 
 def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
-    """Marks with a name, from left to right, each with the line above the frame on which its name stands: in turn the
-    lowest and the next, so that neighbours do not hide each other.
-    """
+    """Marks with a name, from left to right, each with the line above the frame of its name: neighbours' alternate."""
     shown = sorted((mark for mark in marks if mark.name), key=lambda mark: mark.at)
     return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
 
 
 def thinned(values: Values, most: int = MOST_POINTS) -> FloatArray:
     """At most so many of the values, evenly."""
-    every = max(1, -(-len(values) // most))
-    kept: FloatArray = np.asarray(values, dtype=np.float64)[::every]
-    return kept
+    return np.asarray(values, dtype=np.float64)[:: max(1, -(-len(values) // most))]
 
 
 def wrapped_degrees(angle: Values) -> FloatArray:
     """An angle (rad) in degrees within half a turn, with a break (NaN) wherever it passes from one end to the other."""
     degrees = (np.degrees(np.asarray(angle, dtype=np.float64)) + 180.0) % 360.0 - 180.0
-    broken: FloatArray = degrees.copy()
-    broken[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
-    return broken
+    return np.where(np.abs(np.diff(degrees, prepend=degrees[:1])) > 180.0, np.nan, degrees)
 
-
-# ---- A result as one document of blocks, which `terminal` and `html` render ----
 
 Shown = Literal["always", "verbose", "page"]
 

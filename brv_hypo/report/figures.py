@@ -21,15 +21,14 @@ from brv_hypo.report.document import Band, Bars, Chart, Line, Panel, PlanePath, 
 WIDTH = 6.5  # inches: the text of a page
 PANEL, BAR, FRAME, TITLE, CAPTION = 1.9, 0.24, 0.9, 0.35, 0.14
 CAPTION_LINE = 105  # characters
+# By role; the palette of Okabe and Ito (2008), for colour-blind readers too.
 COLOURS = {
     "measured": "#1a1a1a",
     "first": "#0072b2",
     "second": "#d55e00",
     "third": "#009e73",
-    "none": "#8c8c8c",
-    "guide": "#8c8c8c",
+    **dict.fromkeys(("none", "guide"), "#8c8c8c"),
 }
-"""By role; the palette of Okabe and Ito (2008), for colour-blind readers too."""
 _NAME = 8  # points of the height of a mark's name
 _DOT = 0.6  # points of a dot's size for a px of it on a page
 SMALLEST_DOT = 3.0  # points of a dot in a legend, at least: those of histories are smaller
@@ -59,9 +58,7 @@ class ChartFigure(Figure):
 
 
 def chart_figure(chart: Chart) -> ChartFigure:
-    """The chart with title and caption, in the colours and the width of a paper's page; `.axes` are its panels, to add
-    to or to change.
-    """
+    """The chart with title and caption, in a paper's colours and width; `.axes` are its panels, to be changed."""
     height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
     if chart.path is not None:
         height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns

@@ -67,12 +67,19 @@ _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": 
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
-_STANDOFF = 8  # px between the title of a vertical axis and its ticks
+_WHOLE = 9  # a table of more columns takes the whole width of the page
+_NARROW = 4  # a table of more columns does not fit a third of it
+_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
+"""What is typed in one piece: text between backticks, and options."""
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    shared = {"time": chart.over_time, "height": chart_height(chart), "named": chart.named}
+    height = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
+    height += _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
+    if chart.path is not None:
+        height = _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
+    shared = {"time": chart.over_time, "height": height, "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
         histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
@@ -166,8 +173,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **({"range": list(across)} if across else {}),
         },
         "barmode": "overlay",  # bars of one name each, in layers
-        "shapes": _shapes(chart),
-        "annotations": _annotations(chart),
+        **_marked(chart),
     }
     gap = _HEIGHT["gap"] / (_HEIGHT["panel"] * count)
     height = (1.0 - gap * (count - 1)) / count
@@ -177,7 +183,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **_AXIS,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
-            "title": {"text": panel.title, "standoff": _STANDOFF},
+            "title": {"text": panel.title, "standoff": 8},  # px from its ticks
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
@@ -197,31 +203,20 @@ def _decades(panel: Panel) -> dict[str, Any]:
     return {"dtick": max(1.0, np.ceil(span / _MOST_DECADES))} if span > _FEWEST_DECADES else {}
 
 
-def _shapes(chart: Chart) -> list[dict[str, Any]]:
+def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
+    """Spans and marks, and their names above the frame: of spans in their middle, of marks from their line on."""
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
     dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
     shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
-    spans = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
-    return [*spans, *({**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks)]
-
-
-def _annotations(chart: Chart) -> list[dict[str, Any]]:
-    """Names above the frame: of spans in their middle, of marks from their line on."""
+    shapes = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
+    shapes += [{**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks]
     above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
-    spans = [(0.5 * (s.start + s.stop), s.name) for s in chart.spans if s.name]
-    return [
-        *({**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
-          for mark, line in named(chart.marks)),
-        *({**above, "x": at, "text": name} for at, name in spans),
-    ]  # fmt: skip
-
-
-def chart_height(chart: Chart) -> int:
-    """Height of the drawn chart, px."""
-    if chart.path is not None:
-        return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
-    drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
-    return drawn + _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
+    marks = [
+        {**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
+        for mark, line in named(chart.marks)
+    ]
+    spans = [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
+    return {"shapes": shapes, "annotations": [*marks, *spans]}
 
 
 def _bits(values: FloatArray) -> dict[str, str]:
@@ -230,10 +225,7 @@ def _bits(values: FloatArray) -> dict[str, str]:
 
 
 def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> dict[str, str]:
-    """Each record with its SHA-256, the settings that differ from the defaults, and the command, by name.
-
-    A record that is no file any more has no digest.
-    """
+    """Each record that is a file with its SHA-256, settings that differ from the defaults, and the command, by name."""
     paths = [path for path in dict.fromkeys(Path(path) for path in records if str(path)) if path.is_file()]
     found = {f"record {path}": f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths}
     if settings is not None:
@@ -244,11 +236,6 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 
 
 # ---- The page: templates in `page/`, and what they need ----
-
-_WHOLE = 9  # a table of more columns takes the whole width of the page
-_NARROW = 4  # a table of more columns does not fit a third of it
-_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
-"""What is typed in one piece: text between backticks, and options."""
 
 
 def page(document: Document, provenance: Mapping[str, str] = {}) -> str:

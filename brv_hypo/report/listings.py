@@ -19,10 +19,9 @@ from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.simulation.config import PlantedConfig
 
-# ---- An inspected record ----
-
 NOTES = 5  # notes on how the record was made that the terminal shows; all of them with -v
-_WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
+KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
+"""In the order of the list: what `compare` takes if nothing is named comes first."""
 
 
 def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]:
@@ -48,14 +47,21 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         f"vehicle: {vehicle.mass:.5g} kg, Ix {vehicle.ixx:.5g}, I {vehicle.iyy:.5g} kg m², reference length "
         f"{vehicle.reference_length:.4g} m, area {vehicle.reference_area:.4g} m², accelerometers at ({position}) m"
     )
+    spans = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
+    low, high = map(number, inspection.dynamic_pressure_range)
+    frequency, samples = number(inspection.transverse_frequency), number(inspection.samples_per_cycle)
+    moves = f"the strongest transverse motion is at {frequency} Hz, {samples} samples a cycle of it"
+    moves = moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found"
+    usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
     title = "Faults" if trial.sound else "Faults: the record contradicts itself"
+    what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
-        Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
+        Texts((inspection_line(inspection), usable), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
-        Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
+        Texts(("" if trial.sound else f"\n{what_then}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
         Texts(inspection.warnings, "Warnings", warning=True),
@@ -69,23 +75,8 @@ def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
 
 def inspection_line(inspection: Inspection) -> str:
     """Length, rate and planet in one line."""
-    return (
-        f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}, "
-        f"{inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
-    )
-
-
-def _usable(inspection: Inspection) -> str:
-    """What can be analysed."""
-    intervals = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
-    low, high = inspection.dynamic_pressure_range
-    text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa"
-    if not inspection.transverse_frequency > 0.0:
-        return f"{text}; no periodic transverse motion is found"
-    return (
-        f"{text}; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
-        f"{number(inspection.samples_per_cycle)} samples a cycle of it"
-    )
+    span = f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}"
+    return f"{span}, {inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
 
 
 def _units(channel: ChannelQuality) -> str:
@@ -101,16 +92,8 @@ def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any
     return {"schema": "brv-hypo/inspect/1", **asdict(inspection), "record": asdict(trial)}
 
 
-# ---- The installed mechanisms and their conformance ----
-
-KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
-"""In the order of the list: what `compare` takes if nothing is named comes first."""
-
-
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
-    """One row for each mechanism or effect: name, kind, claim; of a process family and title; below the claim the
-    package, where it is another's; `verbose` adds package and source of all, and what a simulation plants of it.
-    """
+    """One row for each: name, kind, claim or process, others' package; `verbose`: source, what is planted."""
     rows = []
     for name, entry in found.items():
         item = entry.item
@@ -127,9 +110,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
 
 
 def planted_names(item: Item) -> tuple[str, ...]:
-    """What a simulation plants of it, with units: `terms` and `theta` of a mechanism, components of
-    `instruments.errors`; of a process the first and the last spline.
-    """
+    """What a simulation plants of it, with units: `terms` and `theta`, or components; of a process the ends."""
     if isinstance(item, Mechanism):
         terms = item.terms(sample_motion(uniform_time()), dict(theta_grid(item)[0]))
         names = [(term.name, term.units) for term in terms]
@@ -173,18 +154,12 @@ def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
 
 def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The same as data for JSON."""
-    return {
-        "schema": "brv-hypo/conformance/1",
-        "mechanism": name,
-        "passed": all(outcome.passed for outcome in outcomes),
-        "checks": [asdict(outcome) for outcome in outcomes],
-    }
+    passed, checks = all(outcome.passed for outcome in outcomes), [asdict(outcome) for outcome in outcomes]
+    return {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": passed, "checks": checks}
 
 
 def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
-    """What was flown; what was planted, how large, and how much of the moment that is; `verbose` adds the size of each
-    error of record and vehicle.
-    """
+    """What was flown and planted, and how large that is; `verbose` adds each error of record and vehicle."""
     flight, config = flown.flight, flown.config
     inside, outside = flown.truth.planted_share
     planted = ", ".join(flown.truth.planted) or "nothing"
@@ -192,18 +167,13 @@ def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[
         planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
     errors = ", ".join((*config.instruments.errors, *(each.mechanism for each in config.asymmetries)))
     said = f"; errors of the record: {errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
-    return [
-        Texts(
-            (
-                f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
-                f"{flight.sample_rate:.4g} Hz.",
-                f"Planted: {planted}{said}.",
-                *(f"  {planted_text(each)}" for each in config.mechanisms),
-            ),
-            bullets=False,
-        ),
-        Table(_drawn_errors(flown) if verbose else (), "Errors of record and vehicle", ("error", "component", "unit")),
-    ]
+    texts = (
+        f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.",
+        f"Planted: {planted}{said}.",
+        *(f"  {planted_text(each)}" for each in config.mechanisms),
+    )
+    drawn = _drawn_errors(flown) if verbose else ()
+    return [Texts(texts, bullets=False), Table(drawn, "Errors of record and vehicle", ("error", "component", "unit"))]
 
 
 def planted_text(entry: PlantedConfig) -> str:

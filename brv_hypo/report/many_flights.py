@@ -19,9 +19,6 @@ _CONFUSION = "Rows: what was planted; columns: what ranks first. right: it ranks
 _LIMITS = "Effects that are named in 50 and 90 % of flights, in % of the moment's rms while they last."
 
 
-# ---- Tables ----
-
-
 def counted(value: Share) -> str:
     """A share with its counts and its 95 % interval, as a sentence has them."""
     interval = f" (95 %: {100 * value.low:.0f} to {100 * value.high:.0f} %)" if value.value is not None else ""
@@ -70,9 +67,7 @@ def calibration_blocks(calibration: Calibration) -> list[Block]:
 
 
 def detection_table(summary: StudySummary) -> Table:
-    """One row for each planted mechanism and vehicle, and for all of several vehicles: the effects flown, and those
-    won in 50 % and 90 %.
-    """
+    """One row for each planted mechanism and vehicle, and for all of several: effects flown, and those mostly won."""
     several = len({limit.vehicle for limit in summary.detection} - {None}) > 1
     rows = [
         {
@@ -128,21 +123,16 @@ def calibration_chart(calibration: Calibration) -> Chart:
     bins = [item for item in calibration.bins if item.right.total and item.mean_probability is not None]
     share = np.array([item.right.value for item in bins], dtype=float)
     low, high = (np.array([getattr(item.right, end) for item in bins], dtype=float) for end in ("low", "high"))
+    stated, counts = [item.mean_probability or 0.0 for item in bins], [str(item.right.total) for item in bins]
+    error = (share - low, high - share)
     dots = Line(
-        np.array([item.mean_probability for item in bins], dtype=float),
-        share,
-        "first",
-        "verdicts, with their number",
-        dots=True,
-        size=LARGE,
-        labels=[str(item.right.total) for item in bins],
-        error=(share - low, high - share),
+        stated, share, "first", "verdicts, with their number", dots=True, size=LARGE, labels=counts, error=error
     )
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
     read = "Of verdicts given at 0.9, nine in ten should be right. Bars: 95 % intervals."
-    named = ("calibration", "Share right by probability", "probability of the leader")
-    return Chart(*named, panels, range=(0.0, 1.03), caption=read)
+    titles = ("calibration", "Share right by probability", "probability of the leader")
+    return Chart(*titles, panels, range=(0.0, 1.03), caption=read)
 
 
 def study_document(summary: StudySummary) -> Document:

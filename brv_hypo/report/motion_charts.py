@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -41,6 +41,23 @@ _FAR = 3.0  # times the width of the bulk that all values take, beyond which the
 _BESIDE = 0.5  # widths of the bulk that are shown on both sides of it then
 _FAR_WIDER = 5.0
 """Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
+IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
+BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
+TIME = "time, s"
+_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
+COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
+_SHARE, _MARGIN = 0.98, 2.0
+"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
+_WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
+_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
+_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
+_ERRORS = 12  # of the record, that are drawn
+_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
+_MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
+_SEGMENT = 512  # samples of a segment of a spectrum, at most
+STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
 def framed(panel: Panel, floor: float = -np.inf) -> Panel:
@@ -84,25 +101,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
     values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
-
-
-# ---- Motion and moments over time, angle of attack and frequency ----
-
-IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
-BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
-TIME = "time, s"
-_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
-COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
-_SHARE, _MARGIN = 0.98, 2.0
-"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
-_WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
-_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
-_APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
-_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
-_ERRORS = 12  # of the record, that are drawn
-_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
-_MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
-_SEGMENT = 512  # samples of a segment of a spectrum, at most
 
 
 def scale_of(*moments: FloatArray) -> tuple[float, str]:
@@ -156,9 +154,7 @@ def moment_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     caption: str = "",
 ) -> Chart:
-    """Models, the last one on top, over the measured moments within two standard deviations; or, where none are given,
-    their residual moments before such a band.
-    """
+    """Models, the last one on top, over measured moments within two standard deviations; else residuals by noise."""
     panels = _panels(titles, time, models, measured, sigma)
     cut = cut_text(panels)
     if measured is None:
@@ -220,19 +216,12 @@ def spectrum_chart(setting: Setting, kept: MotionHistories, histories: Sequence[
     marks = {name: float(np.median(np.abs(rate))) / (2.0 * np.pi) for name, rate in rates.items()}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
-    layers = [
-        Line(frequency[shown], power[shown], each.role, each.name)
-        for each, power in zip(histories, powers, strict=True)
-    ]
-    return Chart(
-        f"spectrum{setting.suffix}",
-        f"Spectrum{setting.which}",
-        "frequency, Hz",
-        [Panel("power density, 1/Hz", layers, log=True)],
-        range=(0.0, highest),
-        marks=[Mark(at, name) for name, at in marks.items()],
-        caption="Measured moments and residuals, both planes together, Welch's method. Marked: median rates.",
-    )
+    drawn = zip(histories, powers, strict=True)
+    layers = [Line(frequency[shown], power[shown], each.role, each.name) for each, power in drawn]
+    named = f"spectrum{setting.suffix}", f"Spectrum{setting.which}", "frequency, Hz"
+    panels, lines = [Panel("power density, 1/Hz", layers, log=True)], [Mark(at, name) for name, at in marks.items()]
+    read = "Measured moments and residuals, both planes together, Welch's method. Marked: median rates."
+    return Chart(*named, panels, range=(0.0, highest), marks=lines, caption=read)
 
 
 def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[Chart]:
@@ -266,8 +255,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     """Errors of record and vehicle in units of their tolerances, the largest first."""
     known = errors[:_ERRORS]
     values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
-    places = list(range(len(known)))
-    dots = Line(values, places, "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
+    dots = Line(values, range(len(known)), "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
     beyond = beyond_level(len(errors))
     most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
@@ -276,11 +264,12 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
         f"As fitted with the model. The largest of {len(errors)} errors seldom exceeds {beyond:.1f} tolerances; errors "
         "beyond are named above."
     )
-    title = "error over its tolerance"
-    dashed = f"{beyond:.1f} tolerances"
-    return Chart(
-        "errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read, dashed=dashed
+    named, ends, dashed = (
+        ("errors", "Largest errors", "error over its tolerance"),
+        (-most, most),
+        f"{beyond:.1f} tolerances",
     )
+    return Chart(*named, panels, range=ends, marks=marks, caption=read, dashed=dashed)
 
 
 def process_chart(
@@ -299,9 +288,7 @@ def process_chart(
 
 
 def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Intervals to shade for faults; of single samples the first and the last; for what contradicts the record as a
-    whole, none.
-    """
+    """Intervals to shade for faults; of single samples the first and the last; for what is of the whole record none."""
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
@@ -313,9 +300,7 @@ def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, fl
 
 
 def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:
-    """Times inside the record at which a model's coefficients begin, change or end; of those that a chart cannot show
-    apart, the first.
-    """
+    """Times inside the record at which coefficients begin, change or end, as far as a chart shows them apart."""
     edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
     found: list[float] = []
     for edge in sorted(edge for edge in edges if start < edge < stop):
@@ -331,28 +316,22 @@ def estimate(
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
 
 
-STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
-DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
-
-
 def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str, read: str = "") -> Chart:
     """The moment or a derivative of it by Mach number, or by time where that is not known or stays about the same."""
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > _ONE_MACH * max(slope.mach)
     x = np.array(slope.mach if by_mach else slope.time_s)
     order = np.argsort(x, kind="stable")
-    flown, flown_sigma, zero, zero_sigma = (
-        np.array(values)[order]
-        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
-    )
+    flown, flown_sigma = np.array([slope.at_flown, slope.at_flown_std_error])[:, order]
+    value, sigma = np.array([slope.at_zero, slope.at_zero_std_error])[:, order]
     by_angle = axis.endswith("1/rad")  # the moment itself goes up and down with the angle flown
     layers: list[Layer] = []
     if by_angle:
         layers += estimate(x[order], flown, flown_sigma, "second", "at the angle flown")
     if np.any(beyond := np.array(slope.extrapolated)[order]):
-        layers.append(Line(x[order], zero, "first", "extrapolated to alpha = 0", dashed=True))
+        layers.append(Line(x[order], value, "first", "extrapolated to alpha = 0", dashed=True))
     if np.any(near := ~beyond):  # which may be one place alone
-        at, value, wide = x[order][near], zero[near], 2.0 * zero_sigma[near]
-        layers.append(Line(at, value, "first", "at alpha = 0", dots=True, size=_MIDDLE, error=(wide, wide)))
+        at, wide = x[order][near], 2.0 * sigma[near]
+        layers.append(Line(at, value[near], "first", "at alpha = 0", dots=True, size=_MIDDLE, error=(wide, wide)))
     panel = Panel(axis, layers)
     edges = _values(panel, Band if by_angle else Line)
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
@@ -364,11 +343,8 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
 
 def flight_charts(setting: Setting, kept: MotionHistories) -> list[Chart]:
     """Air data, where Mach numbers are known, motion and attitude."""
-    air: Mapping[str, Values] = {
-        "Mach number": kept.mach,
-        "q<sub>∞</sub>, kPa": 1e-3 * np.array(kept.dynamic_pressure_pa),
-    }
-    panels = [Panel(title, [Line(kept.time_s, history, "measured")]) for title, history in air.items()]
+    pressure = Line(kept.time_s, 1e-3 * np.array(kept.dynamic_pressure_pa), "measured")
+    panels = [Panel("Mach number", [Line(kept.time_s, kept.mach, "measured")]), Panel("q<sub>∞</sub>, kPa", [pressure])]
     known = [setting.chart("air", "Mach number and dynamic pressure", panels)] if np.all(np.isfinite(kept.mach)) else []
     return [*known, motion_chart(setting, kept), attitude_chart(setting, kept)]
 
@@ -378,24 +354,12 @@ def motion_chart(setting: Setting, kept: MotionHistories) -> Chart:
     degrees, wrapped = np.degrees(kept.alpha_rad), wrapped_degrees(kept.windward_meridian_rad)
     wide, turn = (2.0 * np.degrees(each) for each in (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad))
     turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
-    bands = (
-        Band(kept.time_s, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)),
-        Band(kept.time_s, wrapped - turn, wrapped + turn),
-    )
-    lines = [Line(kept.time_s, values, "measured", "estimate") for values in (degrees, wrapped)]
-    panels = [
-        framed(Panel("α, deg", [bands[0], lines[0]]), floor=0.0),
-        Panel("φ<sub>w</sub>, deg", [bands[1], lines[1]], range=(-190.0, 190.0)),
-    ]
+    alpha, meridian = (Line(kept.time_s, values, "measured", "estimate") for values in (degrees, wrapped))
+    band = Band(kept.time_s, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0))
+    turning: list[Layer] = [Band(kept.time_s, wrapped - turn, wrapped + turn), meridian]
+    panels = [framed(Panel("α, deg", [band, alpha]), 0.0), Panel("φ<sub>w</sub>, deg", turning, range=(-190.0, 190.0))]
     ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
-
-
-_CAPTION = (
-    "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
-    "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
-)
-_SEVERAL = " Each interval begins at the dot."
 
 
 def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
@@ -411,28 +375,21 @@ def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     # how often the path goes round: its length over the circumference of a circle of its size
     length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))
     cycles = max(float(length / (2.0 * np.pi * size)), 1.0) if size > 0.0 else 1.0
-    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles)
-    panels = list(_intervals(path))
-    return Chart(
-        f"theta-psi{setting.suffix}",
-        f"Pitch against yaw{setting.which}",
-        "psi, deg",
-        panels,
-        path=path,
-        caption=_CAPTION + (_SEVERAL if len(panels) > 1 else ""),
-    )
-
-
-def _intervals(path: PlanePath) -> Iterator[Panel]:
-    """Equally long intervals of the path, each up to where the next begins."""
-    time, x, y = (np.asarray(values, dtype=float) for values in (path.time, path.x, path.y))
-    edges = np.linspace(time[0], time[-1], path.intervals + 1)
+    path, panels = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles), []
+    edges = np.linspace(t[0], t[-1], path.intervals + 1)
     digits = max(0, 1 - int(np.floor(np.log10((edges[1] - edges[0]) or 1.0))))
-    for start, stop in pairwise(edges):
-        inside = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop)) + 1)
-        line = Line(x[inside], y[inside], "measured", "path")
+    for start, stop in pairwise(edges):  # each up to where the next begins
+        inside = slice(int(np.searchsorted(t, start)), int(np.searchsorted(t, stop)) + 1)
+        line = Line(psi[inside], theta[inside], "measured", "path")
         first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, size=LARGE)
-        yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])
+        panels.append(Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first]))
+    read = (
+        "Attitude to the wind in axes that do not roll; the roll angle counts from the start. A circle is coning, a "
+        "line planar motion, a centre off the middle a trim that does not roll."
+    )
+    read += " Each interval begins at the dot." if len(panels) > 1 else ""
+    named = f"theta-psi{setting.suffix}", f"Pitch against yaw{setting.which}", "psi, deg"
+    return Chart(*named, panels, path=path, caption=read)
 
 
 def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:

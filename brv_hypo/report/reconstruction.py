@@ -25,10 +25,7 @@ from brv_hypo.report.tables import motion_known
 
 
 def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
-    """Accelerometers, gyros, and pitch and yaw of the nose by integration of the rates, without any wind, over time.
-
-    As Figures 5.1 to 5.4 of the report have them.
-    """
+    """Accelerometers, gyros, pitch and yaw by integrated rates, without wind, as the report's Figures 5.1 to 5.4."""
     _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
     forward, right, down = attitude[:, :, 0].T  # of the nose
     nose = np.degrees([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
@@ -81,21 +78,18 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
 def reconstruction_document(result: Reconstruction) -> Document:
     """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""
     flight = result.flight
-    span, samples = interval((float(flight.time[0]), float(flight.time[-1]))), f"{flight.samples} samples"
-    grade = flight.instruments.described
+    span = f"{flight.samples} samples, {interval((float(flight.time[0]), float(flight.time[-1])))} s"
+    rate = f"{flight.sample_rate:.4g} Hz, instruments {flight.instruments.described}"
     gravity = ", ".join(number(float(value)) for value in result.gravity_body)
+    gyros, forces = number(result.gyro_sigma, 2), number(result.accel_sigma, 2)
     noise = (
         f"gravity in body axes at the start ({gravity}) m/s²",
-        f"white noise of gyros {number(result.gyro_sigma, 2)} rad/s, of accelerometers "
-        f"{number(result.accel_sigma, 2)} m/s²",
+        f"white noise of gyros {gyros} rad/s, of accelerometers {forces} m/s²",
     )
     known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
-        subtitle=(
-            flight.title or flight.path,
-            f"{samples}, {span} s, {flight.sample_rate:.4g} Hz, instruments {grade}",
-        ),
+        subtitle=(flight.title or flight.path, f"{span}, {rate}"),
         conclusion_title="Motion",
         conclusion=known if result.status == "ok" else f"{known}. Degraded: {'; '.join(result.warnings)}",
         decided=result.status == "ok",
@@ -113,9 +107,10 @@ def history_rows(result: Reconstruction) -> list[dict[str, str]]:
     """One row for each history: range, and the rms of its standard deviation."""
     motion, usable = result.motion, result.moments.usable
     plane, error = result.plane_moments[usable], result.moments.sigma[usable]
+    alpha, meridian = np.degrees(motion.alpha), np.degrees(motion.windward_meridian)
     histories: list[tuple[str, str, FloatArray, FloatArray]] = [
-        ("angle of attack", "deg", np.degrees(motion.alpha), np.degrees(result.alpha_sigma)),
-        ("windward meridian, unwrapped", "deg", np.degrees(motion.windward_meridian), np.degrees(result.phi_w_sigma)),
+        ("angle of attack", "deg", alpha, np.degrees(result.alpha_sigma)),
+        ("windward meridian, unwrapped", "deg", meridian, np.degrees(result.phi_w_sigma)),
         ("in-plane moment C_m,in", "1", plane.real, error),
         ("side moment C_n,side", "1", plane.imag, error),
     ]

@@ -29,6 +29,7 @@ from brv_hypo.io.text import (
     NOT_A_NUMBER,
     counted,
     error_share,
+    estimated,
     f_ratio,
     hypothesis,
     instant,
@@ -63,14 +64,9 @@ _VEHICLE = (
     "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
     "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
-_IN_PLANE: Mapping[str, str] = {"C_m0": "C_m,in"}  # what the moment at no angle of attack is at another
 _KNOT, _WIDTH = " knot", " onset width"  # how names of derived times end
-AT_RMS_PRESSURE = "N m: at the rms dynamic pressure of the record."
-NOT_EXCLUDED = "Above 100 %: nothing that is smaller than the whole moment is excluded."
 RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
-ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
-ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
 PAIRS = "Collinear pairs: correlation (variance inflations)"
 MOST_COLLINEAR = 6  # names of a group in its sentence
 NAME_AND_FAMILY = (
@@ -79,9 +75,6 @@ NAME_AND_FAMILY = (
 )
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
-
-
-# ---- The ranking ----
 
 
 def ranking_table(comparison: Comparison) -> Table:
@@ -110,16 +103,6 @@ def ranking_table(comparison: Comparison) -> Table:
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
-def idle_texts(comparison: Comparison) -> list[str]:
-    """Which joined hypotheses have no probability of their own, as a part of them does not act."""
-    idle = [
-        r.mechanism
-        for r in comparison.ranking
-        if "+" in r.mechanism and r.mechanism not in comparison.verdict.probability
-    ]
-    return [f"{name} is no hypothesis of its own: a part of it does not act." for name in idle]
-
-
 def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
     """Those that make more than `LEAST_PROCESS`, largest first; after them those that do not exceed their sigma."""
     large = [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
@@ -127,10 +110,7 @@ def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
 
 
 def process_blocks(comparison: Comparison) -> list[Block]:
-    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first.
-
-    The terminal shows those that do not exceed their sigma with -v only, and nothing but that of them.
-    """
+    """One row for each process beside the leader that makes more than `LEAST_PROCESS`; with -v those below sigma."""
     shown = shown_processes(comparison)
     large = [each.size > each.std_error for each in shown]
     rows = [
@@ -147,21 +127,15 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
-    kin = (KIN,) if any(row["unit"] == "C_m" for row in rows) else ()
-    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
-    return [table, Texts((*kin, *_one_drift(comparison)), bullets=False), Texts(mean, bullets=False, shown="page")]
-
-
-def _one_drift(comparison: Comparison) -> list[str]:
-    """Processes of instruments or air, of one family and unit, of which one is shown: one drift may be either."""
-    said = []
-    for each in shown_processes(comparison):
+    said = [KIN] if any(row["unit"] == "C_m" for row in rows) else []
+    for each in shown:  # of instruments or air: others of its family and unit may be the same drift
         kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
         if not each.is_of_moment and len(kin) > 1:
-            said.append(
-                f"{' and '.join(sorted(kin))} may be one drift ({each.family}): the data may give it to either."
-            )
-    return list(dict.fromkeys(said))
+            one = f"{' and '.join(sorted(kin))} may be one drift ({each.family})"
+            said.append(f"{one}: the data may give it to either.")
+    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
+    texts = Texts(list(dict.fromkeys(said)), bullets=False)
+    return [table, texts, Texts(mean, bullets=False, shown="page")]
 
 
 def process_texts(comparison: Comparison) -> list[Texts]:
@@ -178,10 +152,7 @@ def process_texts(comparison: Comparison) -> list[Texts]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, where it exceeds two standard errors, in time order; its knots; delays.
-
-    All of its net values where none exceeds that.
-    """
+    """What the leader does between its knots, in time order, beyond two standard errors if it can; knots; delays."""
     if not comparison.ranking:
         return []
     leader = comparison.ranking[0]
@@ -216,9 +187,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
 
 
 def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
-    """One row for each knot of a hypothesis, in time order: its time on every flight, its error, over how long it comes
-    on, its Mach number.
-    """
+    """One row for each knot of a hypothesis: its time on every flight, its error, how long it comes on, Mach number."""
     rows: list[dict[str, str]] = []
     found: list[tuple[DerivedEstimate, DerivedEstimate | None]] = []
     for each in row.derived:  # a width follows its knot
@@ -240,11 +209,7 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
         else:
             mach = comparison.mach_at(knot.value)
             place |= {"time, s": instant(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
-        over = (
-            NOT_A_NUMBER
-            if width is None
-            else f"{known_to(width.value, width.std_error)} ± {number(width.std_error, 2)}"
-        )
+        over = NOT_A_NUMBER if width is None else estimated(width.value, width.std_error)
         rows.append(place | {"over, s": over, "Mach": number(mach)})
     kept = [name for name in (rows[0] if rows else ()) if any(each[name] != NOT_A_NUMBER for each in rows)]
     middle = " (the middle of what comes on over a time)" if "over, s" in kept else ""
@@ -260,15 +225,15 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
 
 
-ACTING_LONG = "For a quarter of the record or longer"
-IN_A_PART = "In a part of the record; of what acts throughout, trim and the baseline may take up more."
-
-
 def limit_blocks(comparison: Comparison) -> list[Block]:
-    """How large each mechanism may be: of the moment's rms, as a moment coefficient and in N m, the smallest first; and
-    which are not known.
-    """
-    verdict, scale = comparison.verdict, _moment_scale(comparison)
+    """How large each mechanism may be: of the moment's rms, as C_m and in N m, smallest first; which are not known."""
+    verdict, parts, scale = comparison.verdict, [], None
+    for series, flight in zip(comparison.series, comparison.flights, strict=False):
+        area, length = flight.vehicle.get("reference_area"), flight.vehicle.get("reference_length")
+        if area is not None and length is not None:
+            parts.append(area * length * np.array(series.dynamic_pressure_pa))
+    if parts:  # rms over all flights: N m of a moment coefficient of 1
+        scale = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     known = [each for each in verdict.limits if np.isfinite(each.share_of_moment_95)]
     rows = [
         {
@@ -281,35 +246,22 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
         for each in sorted(known, key=lambda each: each.share_of_moment_95)
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
-    said = [] if scale is None or not rows else [AT_RMS_PRESSURE]
-    sizes = [
-        f"{each.mechanism} {', '.join(f'{name} {number(size, 2)}' for name, size in each.coefficients_95.items())}"
-        for each in known
-        if each.coefficients_95
-    ]
+    said = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
+    held = [each for each in known if each.coefficients_95]
+    terms = [", ".join(f"{name} {number(size, 2)}" for name, size in each.coefficients_95.items()) for each in held]
+    sizes = [f"{each.mechanism} {largest}" for each, largest in zip(held, terms, strict=True)]
     if rows:
-        said.append(IN_A_PART)
+        said.append("In a part of the record; of what acts throughout, trim and the baseline may take up more.")
     if sizes:
-        said.append(f"{ACTING_LONG}, at most: {'; '.join(sizes)}.")
+        said.append(f"For a quarter of the record or longer, at most: {'; '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):
-        said.append(NOT_EXCLUDED)
+        said.append("Above 100 %: nothing that is smaller than the whole moment is excluded.")
     if verdict.outcome == "none adequate":
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
     heading = "Upper limits at 95 %, also of what could hide beside the leader"
     return [Table(rows, heading, ("mechanism",)), Texts([" ".join(said)] if said else (), bullets=False)]
-
-
-def _moment_scale(comparison: Comparison) -> float | None:
-    """Rms of dynamic pressure, over all flights, times area and length: N m of a moment coefficient of 1."""
-    flown = zip(comparison.series, comparison.flights, strict=False)
-    parts = [
-        np.array(each.dynamic_pressure_pa) * flight.vehicle["reference_area"] * flight.vehicle["reference_length"]
-        for each, flight in flown
-        if {"reference_area", "reference_length"} <= flight.vehicle.keys()
-    ]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
 
 
 def size_table(comparison: Comparison) -> Table:
@@ -351,26 +303,21 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str 
             place = {"flight": str(whole.flight + 1)} if several else {}
             place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
             place |= {"alpha, deg": "–".join(ends)} if ends else {}
-            known = list(zip(functions, found, strict=True))
-            flown.append(place | {_IN_PLANE.get(name, name): _at_flown(each, k) for name, each in known})
-            zero.append(place | {name: _at_zero(each, k) for name, each in known})
+            flown.append(dict(place))
+            zero.append(place)
+            for name, each in zip(functions, found, strict=True):
+                in_plane, mark = "C_m,in" if name == "C_m0" else name, COLLINEAR_MARK if each.collinear[k] else ""
+                flown[-1][in_plane] = estimated(each.at_flown[k], each.at_flown_std_error[k]) + mark
+                value = each.at_zero[k], each.at_zero_std_error[k]
+                zero[-1][name] = f"({known_to(*value)})" if each.extrapolated[k] else estimated(*value)
     said = [text for name, known in functions.items() for text in collinear_texts(name, known)]
+    if said:
+        said.append("That value and its error hold only for sizes of processes as estimated: no evidence by itself.")
     return [
         Table(flown, f"At the angle of attack flown ({of})", shown="verbose"),
-        Texts((*said, ONLY_AS_ESTIMATED) if said else (), bullets=False, shown="verbose"),
+        Texts(said, bullets=False, shown="verbose"),
         Table(zero, f"At alpha = 0 ({of}); in parentheses: extrapolated, no sample is near", shown="verbose"),
     ]
-
-
-def _at_flown(found: Derivative, k: int) -> str:
-    value, sigma = found.at_flown[k], found.at_flown_std_error[k]
-    return f"{known_to(value, sigma)} ± {number(sigma, 2)}{COLLINEAR_MARK if found.collinear[k] else ''}"
-
-
-def _at_zero(found: Derivative, k: int) -> str:
-    value, sigma = found.at_zero[k], found.at_zero_std_error[k]
-    text = known_to(value, sigma)
-    return f"({text})" if found.extrapolated[k] else f"{text} ± {number(sigma, 2)}"
 
 
 def collinear_texts(name: str, functions: Sequence[Derivative]) -> list[str]:
@@ -392,7 +339,9 @@ def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
     for group in groups:
         more = f" and {len(group) - MOST_COLLINEAR} more" if len(group) > MOST_COLLINEAR else ""
         said.append(f"{COLLINEAR_MARK} {', '.join(group[:MOST_COLLINEAR])}{more} are nearly collinear.")
-    return [*said, ONLY_TOGETHER] if said else []
+    if said:
+        said.append("The data give what these make together, which the functions show, and none of them by itself.")
+    return said
 
 
 def term_table(
@@ -410,11 +359,7 @@ def term_table(
     `collinear` ones, named with the times that they begin at, are marked. `derived` has the errors of delays.
     """
     machs = {knot.time_s: knot.mach for knot in knots}
-    errors = {
-        each.value: f"{known_to(each.value, each.std_error)} ± {number(each.std_error, 2)}"
-        for each in derived
-        if np.isfinite(each.std_error)
-    }
+    errors = {each.value: estimated(each.value, each.std_error) for each in derived if np.isfinite(each.std_error)}
     digits = decimals(list(machs.values()))
     rows, marked = [], {name for group in collinear for name in group}
     for term in terms:
@@ -451,9 +396,6 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
     return lines
 
 
-# ---- Records, and what limits a result ----
-
-
 def flight_lines(flights: Sequence[FlightSummary]) -> list[str]:
     """Number, where there are several, title, samples, span, rate and instruments of each flight."""
     lines = []
@@ -474,10 +416,8 @@ def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
                 row = {"quantity": name.replace("_", " "), "value": number(value, 4), "unit": SI[dimension]}
                 row["tolerance"] = NOT_A_NUMBER if size is None else share(size)
                 rows.append(({"flight": str(k)} if len(flights) > 1 else {}) | row)
-    return [
-        Table(rows, "Vehicle", ("quantity", "unit"), shown="page"),
-        Texts((_VEHICLE,) if rows else (), bullets=False, shown="page"),
-    ]
+    read = Texts((_VEHICLE,) if rows else (), bullets=False, shown="page")
+    return [Table(rows, "Vehicle", ("quantity", "unit"), shown="page"), read]
 
 
 def flight_texts(comparison: Comparison) -> list[str]:

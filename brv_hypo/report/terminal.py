@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.console import Console, ConsoleOptions, Group, JustifyMethod, RenderableType, RenderResult
 from rich.panel import Panel
 from rich.segment import Segment
 from rich.table import Table as Grid
@@ -28,13 +28,8 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
     for block in flat((*document.ahead, *document.blocks)):
         if block.shown in shown:
             (late if isinstance(block, Texts) and block.warning else parts).append(block)
-    panel = Panel(
-        Text(document.conclusion),
-        title=document.conclusion_title,
-        title_align="left",
-        border_style="green" if document.decided else "yellow",
-        expand=False,
-    )
+    title, style = document.conclusion_title, "green" if document.decided else "yellow"
+    panel = Panel(Text(document.conclusion), title=title, title_align="left", border_style=style, expand=False)
     return Group(*map(Text, document.subtitle), blocks_view(parts, verbose), Text(), panel, blocks_view(late, verbose))
 
 
@@ -71,9 +66,8 @@ class Fitted:
 
     def __init__(self, block: Table) -> None:
         self.block = block
-        self.columns = {
-            name: [cell_len(text) for text in (name, *(row[name] for row in block.rows))] for name in block.headings
-        }
+        cells = {name: (name, *(row[name] for row in block.rows)) for name in block.headings}
+        self.widest = {name: max(map(cell_len, texts)) for name, texts in cells.items()}
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, in as many parts as it takes."""
@@ -87,37 +81,30 @@ class Fitted:
         yield from (self._part(names, options.max_width) for names in parts)
 
     def _part(self, names: Sequence[str], room: int) -> RenderableType:
-        unfolded = sum(max(self.columns[name]) + _BETWEEN for name in names) - _BETWEEN
+        unfolded = sum(self.widest[name] + _BETWEEN for name in names) - _BETWEEN
         between = 0 if unfolded > room else 1
         table = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, between, 0, 0))
         for name in names:
-            words = name in self.block.words
-            table.add_column(
-                name,
-                justify="left" if words else "right",
-                no_wrap=not words,
-                overflow="fold",
-                min_width=self._least_width(name),
-            )
+            words, least = name in self.block.words, self._least_width(name)
+            justify: JustifyMethod = "left" if words else "right"
+            table.add_column(name, justify=justify, no_wrap=not words, overflow="fold", min_width=least)
         for index, row in enumerate(self.block.rows):
             table.add_row(*(row[name] for name in names), style="bold" if index in self.block.marked else "")
         return table
 
     def _least_width(self, name: str) -> int:
         """The width below which the column is not readable."""
-        widest = max(self.columns[name])
+        widest = self.widest[name]
         return min(widest, max(_LEAST_TEXT, cell_len(name))) if name in self.block.words else widest
 
 
-class _PlainConsole(Console):
-    """A console on which no text, wherever it comes from, acts as a control code."""
+class PlainConsole(Console):
+    """Standard output for readers, on which no text, wherever it comes from, is markup or acts as a control code."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, markup=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """As the base class, each piece of text made printable."""
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else printable(text), style, control)
-
-
-def plain_console() -> Console:
-    """Standard output for human readers: nothing in a text is markup, or more than text."""
-    return _PlainConsole(highlight=False, markup=False)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
@@ -37,13 +36,32 @@ DAMPING_AS_ESTIMATED = (
     "processes as estimated."
 )
 
-PARTS = "C_malpha of the model alone, C_mq with processes"  # compare's has them, and another error
-
 STATIC_TRACED = (
     "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
     "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
     "process, may differ."
 )
+LEAST_FAMILY = 0.005  # of a residual, which is worth a word
+NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
+CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
+_STOPPED = {
+    "white": "The residual is noise.",
+    "nothing significant": "No effect explains more.",
+    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
+    "limit": "",
+}
+"""Why the loop stopped, where that says something of the flight."""
+_ERRORS = (
+    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
+    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
+)
+COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
+HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
+FITTED_WORSE = (
+    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
+    "than the frozen one is."
+)
+WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -84,12 +102,10 @@ def families_chart(step: Step) -> Chart:
         layers.append(replace(bar, role="second") if sure else replace(bar, role="none", name=NOT_SURE))
     rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
     layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
-    read = (
-        "Of the mean square that the first model does not explain: first by effects that were added, then by processes "
-        "(95 % intervals)."
-    )
-    panels = [Panel("", layers)] if layers else []
-    return Chart("families", "What holds the residual, by family", "of the residual, %", panels, caption=read)
+    read = "first by effects that were added, then by processes (95 % intervals)."
+    read = f"Of the mean square that the first model does not explain: {read}"
+    named = ("families", "What holds the residual, by family", "of the residual, %")
+    return Chart(*named, [Panel("", layers)] if layers else [], caption=read)
 
 
 def is_sure(family: Family) -> bool:
@@ -120,35 +136,20 @@ def _history_text(history: ProcessHistory) -> str:
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
 
 
-# ---- A trace as a document ----
-
-LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
-CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
-_STOPPED = {
-    "white": "The residual is noise.",
-    "nothing significant": "No effect explains more.",
-    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
-    "limit": "",
-}
-"""Why the loop stopped, where that says something of the flight."""
-_ERRORS = (
-    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
-    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
-)
-
-
 def trace_document(result: Trace) -> Document:
     """The steps, the model, and the residual that stays unexplained."""
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     collinear = tables.collinear_texts("C_mq", result.damping)
+    flown = [value for slope in result.static_slopes for value in slope.at_flown]
+    ends = f"from {number(min(flown), 2)} to {number(max(flown), 2)}" if flown else ""
+    stable = f"The static moment is stable: C_malpha {ends} per rad at the angles flown." if flown else ""
     conclusion = (
         "" if sound else CONTRADICTED,
         _found_text(result),
         f"Hints, no findings: {', '.join(result.hints)}. {next_step(result)}" if result.hints else "",
-        result.static_stability or _stable_text(result.static_slopes),
+        result.static_stability or stable,
         result.dynamic_stability,
         " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
         if collinear
@@ -172,8 +173,8 @@ def trace_document(result: Trace) -> Document:
     both = [SCHEDULED] if held_out.keys() >= {"constant", "scheduled"} else []
     if both and held_out["constant"] < held_out["scheduled"]:
         both.append(WORSE)
-    drawn, known = _charts(result), result.record_errors
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
+    known, parts = result.record_errors, "C_malpha of the model alone, C_mq with processes"  # compare's has them
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
     final = () if ended or result.final_residual is None else (residual_text(result.final_residual),)
@@ -184,21 +185,16 @@ def trace_document(result: Trace) -> Document:
     ]
     # The coefficient of a ramp is a rate, and no size of what was found.
     rising = {term.mechanism for term in result.model.terms if term.name.startswith("ramp ")}
-    sized = set(result.findings) - rising
-    own = [term for term in result.model.terms if term.mechanism in sized]
-    estimates = term_table(
-        "What was found, beside all that was added and without processes: quote those of compare",
-        own,
-        "always",
-        most=tables.ROWS_AT_FIRST,
-    )
+    own = [term for term in result.model.terms if term.mechanism in set(result.findings) - rising]
+    heading = "What was found, beside all that was added and without processes: quote those of compare"
+    estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST)
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
-        *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
-        Section("Coefficients along the flight", tables.function_blocks(functions, PARTS), folded=True),
-        Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
+        *(Section(name, some, name.startswith("Air")) for name, some in _charts(result).items()),
+        Section("Coefficients along the flight", tables.function_blocks(functions, parts), folded=True),
+        Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
@@ -228,13 +224,6 @@ def _found_text(result: Trace) -> str:
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
-
-
-def _stable_text(slopes: Sequence[Derivative]) -> str:
-    """That the static moment is stable, and by how much, in a sentence; empty where there is no slope."""
-    flown = [value for slope in slopes for value in slope.at_flown]
-    ends = f"from {number(min(flown), 2)} to {number(max(flown), 2)}" if flown else ""
-    return f"The static moment is stable: C_malpha {ends} per rad at the angles flown." if flown else ""
 
 
 def next_step(result: Trace) -> str:
@@ -287,17 +276,18 @@ def _step(step: Step) -> list[Block]:
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
     done = step.residual.white and step.added is None  # what was tried is of no interest then
-    sentences = [f"By family: {families}."] if families else []
-    sentences += [f"{_history_text(largest)}."] if largest is not None else []
-    sentences.append(outcome_text(step))
-    if step.removed:
-        sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
+    sentences = (
+        f"By family: {families}." if families else "",
+        f"{_history_text(largest)}." if largest is not None else "",
+        outcome_text(step),
+        f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
+    )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
     words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
-        Texts(sentences, bullets=False, strong=step.added is not None),
+        Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
 
 
@@ -317,34 +307,20 @@ def outcome_text(step: Step) -> str:
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"
-    gain = (
-        "" if step.evidence_gain is None else f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
-    )
     text = (
         f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
-        f"(ratio {ratio}){gain}"
+        f"(ratio {ratio})"
     )
+    if step.evidence_gain is not None:
+        text += f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
     if step.held_out_score is not None:
-        fall = number(step.held_out_score, 2)
-        text += f"; the held-out error of moments and force falls by {fall} standard errors"
+        text += f"; the held-out error of moments and force falls by {number(step.held_out_score, 2)} standard errors"
     if step.ratio_of_flights_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.ratio_of_flights_left_out)}"
     if step.doubts:
         text += f". It is a hint since {', and '.join(step.doubts)}"
     return text
-
-
-# ---- A prediction as a document ----
-
-
-COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
-HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
-FITTED_WORSE = (
-    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
-    "than the frozen one is."
-)
-WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def prediction_document(result: Prediction) -> Document:

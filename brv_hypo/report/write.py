@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 
 RESOLUTION = 200  # dots per inch of PNG files
+PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
+"""The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
 
 def require_matplotlib(what: str = "--figures") -> None:
@@ -39,11 +41,7 @@ def require_matplotlib(what: str = "--figures") -> None:
 
 
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Every chart as `name.png` and `name.svg` in the folder, which is made where it is missing.
-
-    In names of files, what a file name cannot hold is a hyphen. Raises UsageError where a file exists and is not to be
-    overwritten, or matplotlib is missing.
-    """
+    """Every chart as `name.png` and `name.svg` in the folder, made if missing; UsageError for a file that exists."""
     require_matplotlib()
     from brv_hypo.report.figures import chart_figure
 
@@ -58,19 +56,11 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     return tuple(wanted)
 
 
-# ---- From Python: any result as a page, its charts as picture files, or one of them as a figure ----
-
-PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
-"""The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
-
-
 @singledispatch
 def document_of(result: Any) -> Document:
     """The document of a comparison, trace, prediction, reconstruction or flight; else UsageError."""
-    raise UsageError(
-        f"got {type(result).__name__}, expected a Flight, or what compare, trace, predict or reconstruct returned: "
-        "only these have a report."
-    )
+    expected = "a Flight, or what compare, trace, predict or reconstruct returned: only these have a report"
+    raise UsageError(f"got {type(result).__name__}, expected {expected}.")
 
 
 document_of.register(Comparison, comparison_document)
@@ -97,10 +87,7 @@ def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -
 
 
 def plot(result: Any, chart: str = "") -> Figure:
-    """One chart of a result as a matplotlib figure, by the name that its picture file has; "" for the principal one.
-
-    Raises UsageError where the result has no such chart, or matplotlib is missing.
-    """
+    """One chart of a result as a figure, by its picture file's name, "" for the principal; UsageError for none."""
     require_matplotlib("plot()")
     from brv_hypo.report.figures import chart_figure
 

@@ -13,14 +13,11 @@ from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.io.files import config_path
 from brv_hypo.io.mappings import read_yaml
-from brv_hypo.io.text import meant, nearest
+from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.settings import problems_of
 from brv_hypo.thresholds import MINIMUM_SAMPLES
-
-# ---- What a simulated flight is: the schema of `configs/*.yaml`. SI and radians throughout ----
-
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -35,18 +32,13 @@ class Section(BaseModel):
 
 def _of_a_real_body(vehicle: Vehicle) -> Vehicle:
     if vehicle.ixx > 2.0 * vehicle.iyy:
-        raise ValueError(
-            f"ixx {vehicle.ixx:g} with iyy {vehicle.iyy:g} kg m^2, expected ixx <= 2 iyy as in every body: "
-            "are they exchanged?"
-        )
+        found = f"ixx {vehicle.ixx:g} with iyy {vehicle.iyy:g} kg m^2"
+        raise ValueError(f"{found}, expected ixx <= 2 iyy as in every body: are they exchanged?")
     return vehicle
 
 
 class AerodynamicsConfig(Section):
-    """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
-
-    The in-plane moment is C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3.
-    """
+    """Air-relative, per rad, rates times d / 2V (CONVENTIONS); in plane C_m0 + C_malpha alpha + C_malpha3 alpha^3."""
 
     C_A: float = 0.0  # axial force
     C_Nalpha_force: float = 0.0  # slope of the normal force, > 0: it opposes the crossflow
@@ -59,10 +51,7 @@ class AerodynamicsConfig(Section):
 
 
 class StartConfig(Section):
-    """The first instant, relative to the air.
-
-    A coning rate of the natural frequency is a circle, zero a plane oscillation.
-    """
+    """The first instant, relative to the air; coning at the natural frequency is a circle, at zero a plane motion."""
 
     time: float = 0.0  # s
     altitude: float  # above sea level, m
@@ -76,11 +65,7 @@ class StartConfig(Section):
 
 
 class EnvironmentConfig(Section):
-    """Earth, a sphere.
-
-    `gravity` m/s^2 at sea level falls with altitude. `constant_density` kg/m^3 replaces the standard atmosphere's
-    density (verification against closed forms).
-    """
+    """Earth, a sphere; `gravity` m/s^2 at sea level; `constant_density` kg/m^3 for verification by closed forms."""
 
     planet: Literal["earth"] = "earth"
     gravity: NotNegative = 9.80665
@@ -207,20 +192,16 @@ class SimulationConfig(Section):
     def _whole_steps_per_sample(self) -> SimulationConfig:
         ratio = 1.0 / (self.sample_rate * self.step)
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
-            raise ValueError(
-                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps "
-                f"per sample, expected a whole number: try "
-                f"step {1.0 / (self.sample_rate * max(1, round(ratio))):.6g}"
-            )
+            near = 1.0 / (self.sample_rate * max(1, round(ratio)))
+            made = f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps per sample"
+            raise ValueError(f"{made}, expected a whole number: try step {near:.6g}")
         return self
 
     @model_validator(mode="after")
     def _enough_samples(self) -> SimulationConfig:
         if self.samples < MINIMUM_SAMPLES:
-            raise ValueError(
-                f"duration {self.duration:g} s at {self.sample_rate:g} Hz makes {self.samples} samples, "
-                f"expected at least {MINIMUM_SAMPLES}: give a longer duration"
-            )
+            made = f"duration {self.duration:g} s at {self.sample_rate:g} Hz makes {self.samples} samples"
+            raise ValueError(f"{made}, expected at least {MINIMUM_SAMPLES}: give a longer duration")
         return self
 
     @property
@@ -246,9 +227,6 @@ SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
 """The fields of `SimulationConfig` as keywords; parts are models or mappings."""
 
 
-# ---- Configurations from files and mappings, with refusals that say what to write instead ----
-
-
 ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
 
 
@@ -263,20 +241,18 @@ def load_config(
     if isinstance(source, SimulationConfig) and keywords:
         source = source.model_dump(exclude_unset=True)
     config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
-    unknown = [name for name in plant if name not in config.plantable]
-    if unknown:
-        raise UsageError(
-            f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
-            f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `plantable`."
-        )
+    for name in plant:
+        if name not in config.plantable:
+            holds = f"its `plantable` block holds {', '.join(config.plantable) or 'nothing'}"
+            remedy = "Choose one of these, or add it to `plantable`."
+            raise UsageError(f"'{name}' is not plantable in '{config.title}'; {holds}. {remedy}")
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 
 
 def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -> SimulationConfig:
     """`base: NAME` takes over another file's keys, where the mapping or file has none of its own."""
-    expected = "a simulation with `vehicle`, `start` ..."
-    origin = "simulation configuration"
+    expected, origin = "a simulation with `vehicle`, `start` ...", "simulation configuration"
     if not isinstance(source, Mapping):
         path = config_path(source)
         source, origin = read_yaml(path, expected), str(path)
@@ -295,10 +271,10 @@ def _over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """`own` over `base`, key by key in sections too, so that what is not named anew stays; an empty section empties."""
     merged = dict(base)
     for key, value in own.items():
-        below = merged.get(key)
-        merged[key] = (
-            _over(below, value) if value and isinstance(below, Mapping) and isinstance(value, Mapping) else value
-        )
+        below = base.get(key)
+        if value and isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = _over(below, value)
+        merged[key] = value
     return merged
 
 
@@ -306,12 +282,9 @@ def _hint(location: Sequence[str | int]) -> str:
     """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
     schema = SimulationConfig.model_json_schema()
     known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
-    leaf = str(location[-1])
-    near = nearest(leaf, known)
-    if near and near[0] != leaf:
-        return f"is '{near[0]}' meant?"
-    if location[0] != "instruments":
-        return ""
+    near = "" if location[-1] in known else meant(str(location[-1]), known, "")
+    if near or location[0] != "instruments":
+        return near
     effect = meant("_".join(map(str, location[1:])), [effect.name for effect in record_effects()], "", 0.7)
     return f"{effect} Errors are written under `instruments.errors`, by effect and component".strip()
 

@@ -23,6 +23,9 @@ from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
+_GAUGES = ("velocity", "dynamic_pressure", "altitude")
+# Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
+_STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}
 
 
 def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
@@ -37,8 +40,7 @@ def sensed_channels(
     """What perfect instruments read, accelerometers at their `place` (m), at angular accelerations (3, n) rad/s^2."""
     # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
     rates, arm = state[RATES], np.array(place)[:, np.newaxis] * np.ones_like(state[0])
-    swing = cross(rates, cross(rates, arm))
-    force = air.specific_force + cross(angular, arm) + swing
+    force = air.specific_force + cross(angular, arm) + cross(rates, cross(rates, arm))
     return true_channels(state, air) | dict(zip(ACCELEROMETERS, force, strict=True))
 
 
@@ -62,8 +64,7 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     asymmetries = list(config.asymmetries)
     for mechanism in nuisance_mechanisms(record):  # constant in time, without nonlinear parameters
         values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
-        names = [term.name for term in mechanism.terms(motion, {})]
-        terms = dict(zip(names, values, strict=True))
+        terms = dict(zip((term.name for term in mechanism.terms(motion, {})), values, strict=True))
         asymmetries.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
     return config.model_copy(update={"instruments": instruments, "asymmetries": tuple(asymmetries)})
 
@@ -112,14 +113,6 @@ def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list
     """One draw for each 1-sigma size, from the stream of that name."""
     draws = np.random.default_rng([seed, *name.encode()])
     return [float(value) for value in factor * np.asarray(sizes) * draws.standard_normal(len(sizes))]
-
-
-# ---- What the instruments say of a flight: Appendix B of the report, with errata E10 and E11 ----
-
-
-_GAUGES = ("velocity", "dynamic_pressure", "altitude")
-# Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
-_STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}
 
 
 def recorded(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConfig, seed: int) -> Record:

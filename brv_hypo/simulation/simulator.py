@@ -33,6 +33,9 @@ from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, wi
 from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
 
 FASTEST_TURNING = 1000.0  # rad/s, of any body rate: beyond it a motion diverges
+_ASIDE = 1e-10  # s by which a stage steps aside from a jump, to see the moments on its own side of it
+_SAME = 1e-9  # s between two times that are one
+_TURN, _MOST_PARTS = 0.1, 64  # rad by which the meridian may turn in one step; parts of a step, at most
 
 
 class Trajectory:
@@ -78,38 +81,21 @@ class Trajectory:
             )
         inside = np.maximum(time, begin)
         left = min(max(int(np.searchsorted(self.nodes, inside[0], side="right")) - 1, 0), max(self._last - 1, 0))
-        state = self._interpolated(inside, left)
-        air = self.system.air_data(time, state)
-        motion = self.system.motion(time, state, air, self.meridians[left], self.past)
+        right = left + 1
+        step = self.nodes[right] - self.nodes[left]
+        s = (inside - self.nodes[left]) / step
+        s2, s3 = s * s, s * s * s
+        state = (
+            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
+            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
+            + (3.0 * s2 - 2.0 * s3) * self.states[right]
+            + (s3 - s2) * step * self.rates_before[right]
+        )
+        motion = self.system.motion(time, state, self.system.air_data(time, state), self.meridians[left], self.past)
         if np.all(time >= begin):
             return motion
         turned = motion.windward_meridian + (time - inside) * motion.windward_meridian_rate
         return replace(motion, windward_meridian=turned)
-
-    def _interpolated(self, time: FloatArray, left: int) -> FloatArray:
-        """State (13, 1) in the interval after a node."""
-        right = left + 1
-        step = self.nodes[right] - self.nodes[left]
-        s = (time - self.nodes[left]) / step
-        s2, s3 = s * s, s * s * s
-        return np.asarray(
-            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
-            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
-            + (3.0 * s2 - 2.0 * s3) * self.states[right]
-            + (s3 - s2) * step * self.rates_before[right],
-            dtype=float,
-        )
-
-
-# ---- Nodes, and the steps from one to the next ----
-
-
-# Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
-_ASIDE = 1e-10
-_SAME = 1e-9
-# Angle (rad) by which the meridian may turn in one step, and into how many parts a step is cut at most.
-_TURN = 0.1
-_MOST_PARTS = 64
 
 
 def break_times(system: System) -> FloatArray:
@@ -176,17 +162,13 @@ def integrate(system: System, state: FloatArray, report: Report = silent) -> Tra
             trajectory.rates_before[node + 1] = rate(before, state, near)[0]
         if node % 64 == 0:
             report(node / nodes.size, "simulating")
-    final = nodes[-1] + _ASIDE if breaks[-1] else nodes[-1]
-    k1, motion = rate(final, state, near)
+    k1, motion = rate(nodes[-1] + _ASIDE if breaks[-1] else nodes[-1], state, near)
     trajectory.store(nodes.size - 1, state, k1, motion.windward_meridian)
     return trajectory
 
 
 def _parts(motion: Motion, step: float) -> int:
-    """Into how many parts a step (s) is cut, by how fast the meridian turns.
-
-    The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
-    """
+    """Into how many parts a step (s) is cut, by how fast the meridian turns where a straight crossflow is least."""
     alpha, turning = motion.alpha, motion.alpha * motion.windward_meridian_rate
     speed_squared = np.maximum(motion.alpha_rate**2 + turning**2, 1e-300)
     ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)
@@ -194,9 +176,6 @@ def _parts(motion: Motion, step: float) -> int:
     turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
     largest = float(np.max(np.minimum(np.fmax(turn, 0.0), np.pi), initial=0.0))  # fmax: 0 where it is NaN
     return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
-
-
-# ---- A simulated flight: its record and its truth ----
 
 
 @dataclass(frozen=True)
@@ -262,11 +241,8 @@ class SimulatedFlight(Histories):
     def columns(self) -> Mapping[str, Any]:
         """The channels of the flight (SI) with the true angles (rad) beside them."""
         true = {"true_alpha": self.truth.alpha, "true_windward_meridian": self.truth.windward_meridian}
-        time = self.flight.time
-        return {
-            **self.flight.columns(),
-            **{name: np.interp(time, self.truth.time, values) for name, values in true.items()},
-        }
+        known = {name: np.interp(self.flight.time, self.truth.time, values) for name, values in true.items()}
+        return {**self.flight.columns(), **known}
 
     def units(self) -> Mapping[str, str]:
         """SI units of the columns."""

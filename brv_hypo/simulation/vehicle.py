@@ -26,7 +26,9 @@ from brv_hypo.model.term import TimeBasis, summed
 from brv_hypo.motion.motion import Motion, angle_rates, body_from_plane, nearest_turn, windward_meridian
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 
-# ---- Attitude as a quaternion, body to frame: no singularity at any attitude ----
+POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
+STATES = 13
+EARTH_RADIUS = 6.371e6
 
 
 def attitude_matrix(attitude: FloatArray) -> FloatArray:
@@ -72,31 +74,22 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-_SPACING = 50.0
-
-
 def standard_air(altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Density kg/m^3, speed of sound m/s and dynamic viscosity Pa s at `altitude` (m, any shape).
-
-    Within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them.
-    """
+    """Density kg/m^3, speed of sound m/s, viscosity Pa s at `altitude` (m), held beyond -5 and 81 km; ICAO to 1e-6."""
     values = _table()(np.minimum(np.maximum(altitude, LOWEST_ALTITUDE), HIGHEST_ALTITUDE))
     return np.exp(values[..., 0]), values[..., 1], values[..., 2]
 
 
 @lru_cache(maxsize=1)
 def _table() -> CubicSpline:
-    altitude = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, _SPACING)
+    altitude = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0)
     columns = [atmosphere(altitude, quantity) for quantity in ("density", "speed_of_sound", "dynamic_viscosity")]
     return CubicSpline(altitude, np.stack([np.log(columns[0]), *columns[1:]], axis=-1))
 
 
 @dataclass(frozen=True)
 class WindProfile:
-    """A wind along the record: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on.
-
-    Straight between its samples, and held before the first and after the last.
-    """
+    """A wind: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on, straight between, held beyond."""
 
     begin: float
     spacing: float
@@ -127,20 +120,17 @@ class Planted:
         time_basis = self.time_basis(motion.time)
         terms = [term for term in self.mechanism.terms(motion, self.theta) if term.name in self.coefficients]
         weights = [self.coefficients[term.name] * time_basis for term in terms]
-        return (
-            summed((term.in_plane for term in terms), weights, motion.alpha),
-            summed((term.out_of_plane for term in terms), weights, motion.alpha),
-        )
+        channels = ((term.in_plane for term in terms), (term.out_of_plane for term in terms))
+        in_plane, out_of_plane = (summed(channel, weights, motion.alpha) for channel in channels)
+        return in_plane, out_of_plane
 
     def check_terms(self, motion: Motion) -> None:
         """Raise UsageError for a coefficient of a term that the mechanism does not have."""
         known = [term.name for term in self.mechanism.terms(motion, self.theta)]
-        unknown = [name for name in self.coefficients if name not in known]
-        if unknown:
-            raise UsageError(
-                f"mechanism '{self.mechanism.name}' has no term '{unknown[0]}'; its terms are "
-                f"{', '.join(known)}. Correct the key under `terms`."
-            )
+        for name in self.coefficients:
+            if name not in known:
+                found = f"mechanism '{self.mechanism.name}' has no term '{name}'; its terms are {', '.join(known)}"
+                raise UsageError(f"{found}. Correct the key under `terms`.")
 
 
 def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple[Planted, ...]:
@@ -153,23 +143,15 @@ def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple
             mechanism = find(entry.mechanism, {**span, **entry.options})
         expected = {parameter.name for parameter in mechanism.parameters()}
         if expected != set(entry.theta):
-            raise UsageError(
-                f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
-                f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
-            )
+            got = f"got theta {sorted(entry.theta)}, expected {sorted(expected)}"
+            remedy = "Give each parameter of the mechanism one value under `theta`."
+            raise UsageError(f"planted mechanism '{mechanism.name}': {got}. {remedy}")
         if entry.kind == "ramp" and entry.start is None:
             raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
-        start = -np.inf if entry.start is None else entry.start
-        stop = np.inf if entry.stop is None else entry.stop
-        found.append(Planted(mechanism, entry.theta, entry.terms, TimeBasis(entry.kind, start, stop)))
+        ends = {"start": entry.start, "stop": entry.stop}
+        time_basis = TimeBasis(entry.kind, **{name: end for name, end in ends.items() if end is not None})
+        found.append(Planted(mechanism, entry.theta, entry.terms, time_basis))
     return tuple(found)
-
-
-POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
-STATES = 13
-EARTH_RADIUS = 6.371e6
-
-Past = Callable[[FloatArray], Motion]
 
 
 @dataclass(frozen=True)
@@ -214,7 +196,12 @@ class System:
         constant = self.config.environment.constant_density
         density = standard_density if constant is None else constant
         pressure = 0.5 * density * speed**2
-        force = self._specific_force(pressure, velocity, crossed)
+        # Axial and normal force per mass in body axes; the normal force opposes the crossflow.
+        aerodynamics, size = self.config.aerodynamics, np.abs(crossed)
+        scale = pressure * self.config.vehicle.reference_area / self.config.vehicle.mass
+        slope = scale * aerodynamics.C_Nalpha_force * np.arctan2(size, velocity[0])
+        normal = crossed * (slope / np.maximum(size, 1e-300))
+        force = np.array([-scale * aerodynamics.C_A, -normal.real, -normal.imag])
         velocity_rate = to_body(turn, gravity - wind_rate) + force - cross(state[RATES], velocity)
         return AirData(
             rotation=turn,
@@ -236,7 +223,7 @@ class System:
         state: FloatArray,
         air: AirData,
         near: FloatArray | float = 0.0,
-        past: Past | None = None,
+        past: Callable[[FloatArray], Motion] | None = None,
     ) -> Motion:
         """What mechanisms see at this state; the meridian is the turn nearest to `near` (rad)."""
         xi_rate = (air.velocity_rate[1] + 1j * air.velocity_rate[2]) / air.speed - air.crossflow * (
@@ -263,7 +250,14 @@ class System:
             reference_length=self.config.vehicle.reference_length,
             history=None if past is None else lambda tau: past(time - tau),
         )
-        return replace(motion, in_plane_moment=self._wind_fixed_moment(motion))
+        # C_mw of Eq. 5.1: the static terms, and planted mechanisms that are wind-fixed.
+        (offset, slope), aerodynamics = static_terms(motion), self.config.aerodynamics
+        moment = aerodynamics.C_m0 * offset.in_plane + aerodynamics.C_malpha * slope.in_plane
+        moment = moment + aerodynamics.C_malpha3 * motion.alpha**3
+        for item in self.planted:
+            if item.mechanism.wind_fixed:
+                moment = moment + item.contribution(motion)[0]
+        return replace(motion, in_plane_moment=np.asarray(moment, dtype=float))
 
     def plane_moments(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """C_N' and C_Z': static moment, pitch damping and all that is planted."""
@@ -303,24 +297,6 @@ class System:
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
         """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2."""
         return (0.0, 0.0) if self.wind_profile is None else self.wind_profile.at(time)
-
-    def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
-        """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""
-        scale = pressure * self.config.vehicle.reference_area / self.config.vehicle.mass
-        size = np.abs(crossed)
-        slope = scale * self.config.aerodynamics.C_Nalpha_force * np.arctan2(size, velocity[0])
-        normal = crossed * (slope / np.maximum(size, 1e-300))
-        return np.array([-scale * self.config.aerodynamics.C_A, -normal.real, -normal.imag])
-
-    def _wind_fixed_moment(self, motion: Motion) -> FloatArray:
-        """C_mw of Eq. 5.1: the static terms, and planted mechanisms that are wind-fixed."""
-        (offset, slope), aerodynamics = static_terms(motion), self.config.aerodynamics
-        moment = aerodynamics.C_m0 * offset.in_plane + aerodynamics.C_malpha * slope.in_plane
-        moment = moment + aerodynamics.C_malpha3 * motion.alpha**3
-        for item in self.planted:
-            if item.mechanism.wind_fixed:
-                moment = moment + item.contribution(motion)[0]
-        return np.asarray(moment, dtype=float)
 
 
 def system(config: SimulationConfig) -> System:

@@ -31,12 +31,11 @@ from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig
 
-# ---- Faults injected in sound records ----
-
-
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
 
 Corruption = Callable[[Record, np.random.Generator], Record]
+NONE = "none"
+FAULTS = 1  # number of the stream that faults are drawn from
 
 
 @dataclass(frozen=True)
@@ -59,9 +58,8 @@ class PlantedFault:
 def planted_faults() -> Mapping[str, PlantedFault]:
     """Every fault of the study, by its name."""
     found = [PlantedFault(f"sign of {n}", (n,), "sign", _scaled((n,), -1.0)) for n in INERTIAL_CHANNELS]
-    found += [
-        PlantedFault(f"{a} and {b} exchanged", (a, b), "axes", _swapped(a, b)) for a, b in (("q", "r"), ("ay", "az"))
-    ]
+    pairs = (("q", "r"), ("ay", "az"))
+    found += [PlantedFault(f"{' and '.join(pair)} exchanged", pair, "axes", _swapped(*pair)) for pair in pairs]
     for names, factor, large, small in (
         (GYROS, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
         (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
@@ -124,8 +122,7 @@ def _clipped(values: FloatArray, record: Record, random: np.random.Generator) ->
 def _spikes(values: FloatArray, record: Record, random: np.random.Generator) -> None:
     count = max(1, round(SPIKE_SHARE * values.size))
     at = random.choice(values.size, size=count, replace=False)
-    sigma = sigma_of_differences([values])
-    values[at] += PLANTED_SPIKE_SIGMAS * sigma * random.choice([-1.0, 1.0], size=count)
+    values[at] += PLANTED_SPIKE_SIGMAS * sigma_of_differences([values]) * random.choice([-1.0, 1.0], size=count)
 
 
 def _burst(values: FloatArray, record: Record, random: np.random.Generator) -> None:
@@ -158,10 +155,6 @@ def _samples(record: Record, seconds: float) -> int:
 # ---- The schema of a study ----
 
 
-NONE = "none"
-HOME = "studies"
-
-
 def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if span[0] > span[1]:
         raise ValueError("the lower end comes first")
@@ -173,9 +166,7 @@ PositiveSpan = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
 
 
 class InstrumentDraws(TolerancesConfig):
-    """What every record states of its instruments, in place of the vehicle's own; its errors are drawn from `factor`
-    times that, 0: none.
-    """
+    """What every record states of its instruments; their errors are drawn from `factor` times that (0: none)."""
 
     factor: NotNegative = 1.0
 
@@ -264,17 +255,9 @@ StudySettings = TypedDict("StudySettings", {  # noqa: UP013
 
 
 def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides: Any) -> StudyConfig:
-    """The study as it is, of a mapping, a YAML file or the name of one that comes along; `overrides` go over it.
-
-    Raises UsageError that names each wrong setting, what it holds and what is expected.
-    """
-    return settings_of(StudyConfig, config_path(source, HOME) if isinstance(source, str | Path) else source, overrides)
-
-
-# ---- The flights of a study, each drawn from its own seed ----
-
-
-FAULTS = 1  # number of the stream that faults are drawn from
+    """The study of a mapping, a YAML file or a name that comes along, under `overrides`; or UsageError."""
+    file = config_path(source, "studies") if isinstance(source, str | Path) else source
+    return settings_of(StudyConfig, file, overrides)
 
 
 class Draw(Section):
@@ -310,25 +293,15 @@ def draws(study: StudyConfig) -> tuple[Draw, ...]:
 def _draw(study: StudyConfig, vehicle: int, planted: int, repeat: int) -> Draw:
     ranges, seed = study.draws, [study.seed, vehicle, planted, repeat]
     random = np.random.default_rng(seed)
-
-    def factor(span: tuple[float, float]) -> float:
-        return float(np.exp(random.uniform(*np.log(span))))
-
-    return Draw(
-        vehicle=Path(study.vehicles[vehicle]).stem,
-        planted=study.planted[planted],
-        repeat=repeat,
-        seed=int(random.integers(2**31)),
-        size=factor(ranges.size),
-        delay=factor(ranges.delay),
-        onset_shift=float(random.uniform(*ranges.onset_shift)),
-        alpha=factor(ranges.alpha),
-        roll_rate=factor(ranges.roll_rate),
-        windward_meridian=float(random.uniform(*ranges.windward_meridian)),
-        gyro_noise=factor(ranges.gyro_noise),
-        # From a stream of its own: with faults or without, the flights are the same.
-        fault="" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS])),
-    )
+    known: dict[str, Any] = {"seed": int(random.integers(2**31))}
+    for name in ("size", "delay", "onset_shift", "alpha", "roll_rate", "windward_meridian", "gyro_noise"):
+        ends = getattr(ranges, name)
+        evenly = name in ("onset_shift", "windward_meridian")
+        known[name] = random.uniform(*ends) if evenly else np.exp(random.uniform(*np.log(ends)))
+    # From a stream of its own: with faults or without, the flights are the same.
+    fault = "" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS]))
+    known |= {"vehicle": Path(study.vehicles[vehicle]).stem, "planted": study.planted[planted], "repeat": repeat}
+    return Draw(**known, fault=fault)
 
 
 def corrupted(record: Record, draw: Draw) -> Record:
@@ -353,11 +326,8 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         }
         return entry.model_copy(update=changes)
 
-    start = {
-        "alpha": config.start.alpha * draw.alpha,
-        "roll_rate": config.start.roll_rate * draw.roll_rate,
-        "windward_meridian": draw.windward_meridian,
-    }
+    alpha, roll_rate = config.start.alpha * draw.alpha, config.start.roll_rate * draw.roll_rate
+    start = {"alpha": alpha, "roll_rate": roll_rate, "windward_meridian": draw.windward_meridian}
     gyro, stated = config.instruments.gyro, study.draws.instruments
     gyro = gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})
     instruments: dict[str, Any] = {"gyro": gyro, "draw": 1.0}
@@ -368,7 +338,7 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         "step": 1.0 / (rate * max(1, round(1.0 / (rate * config.step)))),
         "start": config.start.model_copy(update=start),
         "instruments": config.instruments.model_copy(update=instruments),
-        "mechanisms": tuple(resized(entry) for entry in config.mechanisms),
+        "mechanisms": tuple(map(resized, config.mechanisms)),
     }
     return config.model_copy(update=changes)
 

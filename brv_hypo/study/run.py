@@ -45,12 +45,23 @@ from brv_hypo.study.config import (
     read_study,
 )
 
-# ---- One flight: simulated, compared, noted ----
-
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
-
 Work = TypeVar("Work")
 Result = TypeVar("Result")
+FLIGHTS = "flights.db"
+# The lock is taken once, and held until the database is closed.
+_BEGIN = """
+PRAGMA locking_mode = EXCLUSIVE;
+PRAGMA synchronous = FULL;
+BEGIN EXCLUSIVE;
+CREATE TABLE IF NOT EXISTS study (settings TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS flights (key TEXT PRIMARY KEY, outcome TEXT NOT NULL);
+COMMIT;
+"""
+# A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.
+_FREE = {"title", "flights", "visible_effect"}
+PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
+CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
 class Outcome(BaseModel):
@@ -109,10 +120,7 @@ class Outcome(BaseModel):
 
 
 def effect_size(truth: Truth) -> tuple[float, float]:
-    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.
-
-    What is planted is the moment with the mechanism less the moment without it at the same state.
-    """
+    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts."""
     planted = np.hypot(truth.planted_in_plane, truth.planted_out_of_plane)
     if not truth.planted or not np.any(planted):
         return 0.0, 0.0
@@ -122,10 +130,7 @@ def effect_size(truth: Truth) -> tuple[float, float]:
 
 
 def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) -> Outcome:
-    """Simulate the flight and compare on it; what goes wrong is the outcome's reason.
-
-    `plugins`: the files that whatever process this is has to know; None where it knows them.
-    """
+    """Simulate the flight and compare on it; what goes wrong is the outcome's reason. `plugins`: files to know."""
     if plugins not in (None, plugin_files()):
         use_plugin_files(plugins)
     begun = time.perf_counter()
@@ -162,23 +167,6 @@ def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) ->
 def _reason(error: Exception) -> str:
     """A refusal in its own words; a fault with its kind, for it is the program's."""
     return str(error) if isinstance(error, BrvHypoError) else f"fault, {type(error).__name__}: {error}"
-
-
-# ---- Outcomes on disk ----
-
-
-FLIGHTS = "flights.db"
-# The lock is taken once, and held until the database is closed.
-_BEGIN = """
-PRAGMA locking_mode = EXCLUSIVE;
-PRAGMA synchronous = FULL;
-BEGIN EXCLUSIVE;
-CREATE TABLE IF NOT EXISTS study (settings TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS flights (key TEXT PRIMARY KEY, outcome TEXT NOT NULL);
-COMMIT;
-"""
-# A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.
-_FREE = {"title", "flights", "visible_effect"}
 
 
 class Store:
@@ -244,24 +232,25 @@ def _refusals(path: Path) -> Iterator[None]:
     """Turn errors of the database into UsageError."""
     try:
         yield
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-            raise UsageError(f"{path} is in use by another process. Wait for it, or choose another folder.") from None
-        raise UsageError(f"{path} cannot be written: {error}. Free some room, or choose another folder.") from error
     except sqlite3.DatabaseError as error:
-        raise UsageError(
-            f"{path} is damaged: {error}. Remove it to fly the study anew, or choose another folder."
-        ) from error
+        found = f"is damaged: {error}. Remove it to fly the study anew"
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            found = "is in use by another process. Wait for it"
+        elif isinstance(error, sqlite3.OperationalError):
+            found = f"cannot be written: {error}. Free some room"
+        raise UsageError(f"{path} {found}, or choose another folder.") from error
 
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:
     """One row for each flight: what was drawn, the verdict, and every hypothesis's probability."""
     import pandas as pd
 
+    included = {"effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "reason"}
+    included |= {"alpha_sigma_rad", "phi_w_sigma_rad", "seconds"}
     rows = [
         {
             **outcome.draw.model_dump(),
-            **outcome.model_dump(include=_COLUMNS),
+            **outcome.model_dump(include=included),
             "equivalent": " ".join(outcome.equivalent),
             **{f"probability_{name}": value for name, value in outcome.probability.items()},
             **{f"information_{name}": value for name, value in outcome.information.items()},
@@ -269,19 +258,6 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
         for outcome in outcomes
     ]
     return pd.DataFrame(rows).to_csv(index=False)
-
-
-_COLUMNS = {
-    *("effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "reason"),
-    *("alpha_sigma_rad", "phi_w_sigma_rad", "seconds"),
-}
-
-
-# ---- Every flight of a study, in parallel ----
-
-
-PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
-CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
 @takes_settings(

@@ -26,6 +26,7 @@ CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
 LEAST = 1e-6  # probability that a log loss counts
 FEWEST = 5  # flights that a detection limit needs
+Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend", "too few"]
 
 
 class Statistic(BaseModel):
@@ -70,22 +71,20 @@ class ConfusionRow(Statistic):
 
 def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[ConfusionRow, ...]:
     """One row for each entry of `planted`, in its order; without those that no flight has."""
-    rows = []
-    for name in planted:
-        if not (flights := [outcome for outcome in outcomes if outcome.planted == name]):
-            continue
-        winners = Counter(outcome.winner for outcome in flights if outcome.winner is not None)
-        row = ConfusionRow(
+    known = {name: [outcome for outcome in outcomes if outcome.planted == name] for name in planted}
+    return tuple(
+        ConfusionRow(
             planted=name,
             flights=len(flights),
             first=Counter(outcome.first for outcome in flights if outcome.first is not None),
-            winners=winners,
-            undecided=len(flights) - winners.total(),
+            winners=Counter(outcome.winner for outcome in flights if outcome.winner is not None),
+            undecided=sum(outcome.winner is None for outcome in flights),
             ranked_first=_share_of(flights, lambda outcome: outcome.right),
             won=_share_of(flights, lambda outcome: outcome.won),
         )
-        rows.append(row)
-    return tuple(rows)
+        for name, flights in known.items()
+        if flights
+    )
 
 
 def false_alarms(outcomes: Sequence[Outcome]) -> Share:
@@ -94,10 +93,7 @@ def false_alarms(outcomes: Sequence[Outcome]) -> Share:
 
 
 class CalibrationBin(Statistic):
-    """Flights whose largest probability lies in [low, high); the last bin holds its upper end.
-
-    `right`: what has it, something outside the list included, is what was planted.
-    """
+    """Flights whose largest probability lies in [low, high), at last its end too; `right`: what has it was planted."""
 
     low: float
     high: float
@@ -117,13 +113,9 @@ class Calibration(Statistic):
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     """Calibration over the flights whose planted hypothesis was among those compared."""
     judged = [outcome for outcome in outcomes if outcome.planted in outcome.probability]
-    scores = [
-        sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items()) for outcome in judged
-    ]
-    leading = []  # the largest probability of each flight, and whether it is right
-    for outcome in judged:
-        name, p = max(outcome.probability.items(), key=lambda item: item[1])
-        leading.append((p, name == outcome.planted))
+    scores = [sum((p - (name == each.planted)) ** 2 for name, p in each.probability.items()) for each in judged]
+    leaders = (max(outcome.probability.items(), key=lambda item: item[1]) for outcome in judged)
+    leading = [(p, name == outcome.planted) for outcome, (name, p) in zip(judged, leaders, strict=True)]
     bins = []
     for low, high in pairwise(EDGES):
         inside = [(p, right) for p, right in leading if low <= p < high or p == high == EDGES[-1]]
@@ -136,12 +128,6 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
         brier=float(np.mean(scores)) if judged else None,
         log_loss=float(np.mean([-np.log(max(o.probability[o.planted], LEAST)) for o in judged])) if judged else None,
     )
-
-
-# ---- Detection limits: from which effect on is a mechanism found? ----
-
-
-Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend", "too few"]
 
 
 class DetectionLimit(Statistic):
@@ -240,9 +226,6 @@ def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
         )
         for kind, flights in kinds.items()
     )
-
-
-# ---- The statistics of a study, gathered ----
 
 
 class StudySummary(Statistic):

@@ -1,13 +1,4 @@
-"""Aerodynamic moments beyond the linear static moment and constant damping, and those of a slight asymmetry.
-
-Magnus                C_npalpha (p d / 2V) alpha, out of plane
-cubic static moment   C_malpha3 alpha^3, in plane
-lagged aftbody        a moment that follows alpha a few flow times late: a limit cycle
-Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
-unequal stiffness     d alpha (cos 2 phi_w, sin 2 phi_w) in plane axes
-trim                  C_m0, C_n0 constant in the body; a c.g. off the axis
-dynamic imbalance     products of inertia: a torque proportional to p^2
-"""
+"""Aerodynamic moments beyond the linear static moment and constant damping, and those of a slight asymmetry."""
 
 from __future__ import annotations
 
@@ -86,9 +77,6 @@ class AftbodyLag(Aerodynamic):
         return (Term("C_malpha aftbody lag", in_plane, across, "1/rad"),)
 
 
-# ---- Static and damping moments that change with Mach or Reynolds number along the flight ----
-
-
 class Similar(Aerodynamic):
     """A coefficient that is a polynomial, without its constant, in a similarity parameter."""
 
@@ -164,9 +152,6 @@ class ReynoldsDamping(SimilarDamping):
     parameter = "log10(Re/1e6)"
 
 
-# ---- Moments of a slight asymmetry of shape or mass, which keep their direction in the body ----
-
-
 class StiffnessAsymmetry(Aerodynamic):
     """C_m += d alpha cos(phi_w), C_n += d alpha sin(phi_w): stiffer in pitch by d, softer in yaw by as much.
 
@@ -211,8 +196,7 @@ class Trim(Aerodynamic):
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
         """Size and meridian of the moment, to first order in the covariance (2, 2)."""
-        pair = values["C_m0"], values["C_n0"]
-        return Derived.polar("C_trim", "phi_trim", pair, covariance, sense=-1.0)
+        return Derived.polar("C_trim", "phi_trim", (values["C_m0"], values["C_n0"]), covariance, sense=-1.0)
 
 
 class DynamicImbalance(Aerodynamic):

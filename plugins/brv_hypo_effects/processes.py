@@ -1,25 +1,16 @@
 """Processes: what a baseline with constant coefficients and a record with constant errors lack of any real flight.
 
-Moments of known shape and unknown history
-static moment   alpha                              stiffness that changes along the flight
-bend            alpha^2, alpha^3                   stiffness by angle of attack
-side moment     i alpha                            asymmetry across the plane of alpha
-side bend       i alpha^2, i alpha^3               side moment by angle of attack
-damping         the transverse rates               damping that changes along the flight
-cross damping   i times these                      Magnus-like moments
-damping bends   alpha^2 times either               these by angle of attack
-body            fixed in the body                  c.g. drift, nose tip; and, faster, a random moment of the flow
-harmonics       alpha turning two and three times  lobes of the cross-section
-
-Drifts of instruments and air: one unit of a spline is the drift of an ordinary instrument or day, a gyro by 0.05 deg/s,
-an accelerometer by 5 mg, the air by 2 % of density and 1 m/s of wind.
+Moments have a known shape and an unknown history: powers of alpha in its plane and across it, the transverse rates,
+what is fixed in the body, lobes of the cross-section. One unit of a spline of an instrument's or the air's drift is
+that of an ordinary instrument or day: a gyro by 0.05 deg/s, an accelerometer by 5 mg, the air by 2 % of density and
+1 m/s of wind.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -27,12 +18,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import MomentProcess, RecordProcess, hookimpl
 from brv_hypo.motion.motion import Motion
-
-
-def _rates(motion: Motion) -> ComplexArray:
-    """The rates of the axis across the wind times d / 2V, in the plane of alpha and across it (n,)."""
-    across = motion.alpha * (motion.p - motion.windward_meridian_rate)
-    return np.asarray((motion.alpha_rate + 1j * across) * motion.rate_factor)
+from brv_hypo_effects.record import with_wind
 
 
 class Listed(MomentProcess):
@@ -42,6 +28,7 @@ class Listed(MomentProcess):
     title: str = "a process of the list"  # type: ignore[misc]
     family: str = "stiffness"  # type: ignore[misc]
     splines: int = 16  # type: ignore[misc]
+    across: bool = False  # of alpha's plane, instead of in it
 
     @classmethod
     def of(cls, name: str, family: str, splines: int, title: str, **shape: Any) -> Self:
@@ -52,7 +39,6 @@ class Listed(MomentProcess):
 class Powers(Listed):
     """Powers of alpha, in its plane or across it."""
 
-    across: bool = False
     powers: tuple[int, ...] = (1,)
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
@@ -64,13 +50,13 @@ class Powers(Listed):
 class Rates(Listed):
     """The transverse rates, or these turned by a right angle, times a power of alpha."""
 
-    across: bool = False
     power: int = 0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """The rates."""
-        turn = 1j if self.across else 1.0
-        return (np.asarray(motion.alpha**self.power * (turn * _rates(motion))),)
+        """The rates of the axis across the wind times d / 2V, in the plane of alpha and across it (n,)."""
+        turn, about = 1j if self.across else 1.0, motion.alpha * (motion.p - motion.windward_meridian_rate)
+        rates = np.asarray((motion.alpha_rate + 1j * about) * motion.rate_factor)
+        return (np.asarray(motion.alpha**self.power * (turn * rates)),)
 
 
 class Body(Listed):
@@ -121,9 +107,6 @@ def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
     ]
 
 
-# ---- Drifts of instruments and air ----
-
-
 class _Added(RecordProcess):
     """A history that is added to a channel."""
 
@@ -166,13 +149,10 @@ class Turbulence(RecordProcess):
     name, family, kind = "turbulence", "air", "environment"
     title = "wind across the track that changes"
     channels, splines, units, size = ("y", "z"), 36, "m/s", 1.0
-    axes: ClassVar[str] = "xyz"
 
     def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
         """The record with so much (n,) m/s less of the wind known."""
-        wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
-        wind[:, self.axes.index(channel)] -= history
-        return replace(flight, wind=wind)
+        return with_wind(flight, channel, history)
 
 
 @hookimpl

@@ -1,12 +1,6 @@
 """Errors of the record: instruments and their clocks, what is declared of vehicle and air, wind.
 
-bias           y + b
-scale          y (1 + s)
-misalignment   v + v x m, and for gyros also two axes that are not orthogonal
-position       specific force at a place other than the declared one
-time skew      the channels of one instrument, late by a constant time against the gyros
-declared       inertia and dynamic pressure larger than the truth by a share
-wind           the air moves across the track: slowly, or from one instant on
+A reading y becomes y + b (bias), y (1 + s) (scale); vectors become v + v x m (misalignment).
 """
 
 from __future__ import annotations
@@ -21,8 +15,6 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
-
-# ---- What errors of three sensors along the body axes do to their channels ----
 
 
 class Triad(RecordEffect):
@@ -40,25 +32,11 @@ class Triad(RecordEffect):
         sizes = getattr(flight.instruments, self.name)
         return tuple(Component(axis, self.units, size) for axis, size in zip(self.axes, sizes, strict=True))
 
-
-class TriadBias(Triad):
-    """A constant added to each of the sensors."""
-
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with `value` more on that channel."""
+        """The record with `value` more on that channel, or, without unit, larger by that share."""
         channel = f"{self.prefix}{component}"
-        return replace(flight, **{channel: getattr(flight, channel) + value})
-
-
-class TriadScale(Triad):
-    """A scale error of each of the sensors."""
-
-    units = "1"
-
-    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with that channel larger by the share `value`."""
-        channel = f"{self.prefix}{component}"
-        return replace(flight, **{channel: getattr(flight, channel) * (1.0 + value)})
+        reads = getattr(flight, channel)
+        return replace(flight, **{channel: reads * (1.0 + value) if self.units == "1" else reads + value})
 
 
 def turned(flight: Flight, channels: Sequence[str], axis: str, angle: float) -> Flight:
@@ -78,7 +56,7 @@ def sheared(flight: Flight, channels: Sequence[str], pair: str, angle: float) ->
 _PAIRS = ("yz", "xz", "xy")
 
 
-class GyroBias(TriadBias):
+class GyroBias(Triad):
     """A constant added to each rate gyro."""
 
     name, title, family = "gyro_bias", "bias of the rate gyros", "gyros"
@@ -87,12 +65,13 @@ class GyroBias(TriadBias):
     units = "rad/s"
 
 
-class GyroScale(TriadScale):
+class GyroScale(Triad):
     """A scale error of each rate gyro."""
 
     name, title, family = "gyro_scale", "scale error of the rate gyros", "gyros"
     claims = "a rate gyro reads a constant factor too much"
     axes = GYROS
+    units = "1"
 
 
 class GyroMisalignment(Triad):
@@ -121,10 +100,7 @@ class GyroMisalignment(Triad):
         return change(flight, GYROS, component, value)
 
 
-# ---- Errors of the accelerometers ----
-
-
-class AccelBias(TriadBias):
+class AccelBias(Triad):
     """A constant added to each accelerometer."""
 
     name, title, family = "accel_bias", "bias of the accelerometers", "accelerometers"
@@ -133,12 +109,13 @@ class AccelBias(TriadBias):
     units = "m/s^2"
 
 
-class AccelScale(TriadScale):
+class AccelScale(Triad):
     """A scale error of each accelerometer."""
 
     name, title, family = "accel_scale", "scale error of the accelerometers", "accelerometers"
     claims = "an accelerometer reads a constant factor too much"
     prefix = "a"
+    units = "1"
 
 
 class AccelPosition(Triad):
@@ -151,9 +128,9 @@ class AccelPosition(Triad):
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with the declared place that much short of the true one."""
-        place = list(flight.vehicle.accelerometer_position)
-        place[self.axes.index(component)] -= value
-        return replace(flight, vehicle=replace(flight.vehicle, accelerometer_position=(place[0], place[1], place[2])))
+        place = flight.vehicle.accelerometer_position - value * np.eye(3)[self.axes.index(component)]
+        x, y, z = place.tolist()
+        return replace(flight, vehicle=replace(flight.vehicle, accelerometer_position=(x, y, z)))
 
 
 class AccelMisalignment(Triad):
@@ -170,12 +147,7 @@ class AccelMisalignment(Triad):
 
 # The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
 # the ends of the record, where a shifted channel has to be continued.
-_CLOCK = "gyros"
-_INSTRUMENTS = {
-    _CLOCK: GYROS,
-    "accelerometers": ACCELEROMETERS,
-    "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
-}
+_OTHERS = {"accelerometers": ACCELEROMETERS, "air data": ("velocity", "dynamic_pressure", "mach", "reynolds")}
 
 
 class TimeSkew(RecordEffect):
@@ -189,7 +161,7 @@ class TimeSkew(RecordEffect):
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
         size = float(flight.instruments.time_skew[0])
-        return tuple(Component(name, "s", size) for name in _INSTRUMENTS if name != _CLOCK)
+        return tuple(Component(name, "s", size) for name in _OTHERS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that instrument late by `value` s more; the gyros too: the others are early then.
@@ -198,17 +170,14 @@ class TimeSkew(RecordEffect):
         """
         late: dict[str, FloatArray] = {
             name: _late(channel, flight.segments, value / flight.step)
-            for name in _INSTRUMENTS[component]
+            for name in (_OTHERS | {"gyros": GYROS})[component]
             if (channel := getattr(flight, name)) is not None
         }
         return replace(flight, **late)  # type: ignore[arg-type]
 
 
 def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: float) -> FloatArray:
-    """The channel (n,) some samples later, each segment by itself.
-
-    What is left of a straight line between its ends, continued as an odd function, is periodic and smooth.
-    """
+    """The channel (n,) some samples later, by segments: a straight line, and the rest as an odd periodic function."""
     out = np.array(channel, dtype=float)
     for a, b in segments:
         place = np.arange(b - a) / max(b - a - 1, 1)
@@ -221,18 +190,22 @@ def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: flo
     return out
 
 
-# ---- What the record declares of vehicle and air, and errs by ----
-
-
 class Declared(RecordEffect):
     """What the record declares is larger than the truth by a share, of which `flight.instruments` has the size."""
 
     kind = "instrument"
     component: ClassVar[str] = "scale"
+    properties: ClassVar[tuple[str, ...]] = ()
+    """Those of the vehicle."""
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """The relative error."""
         return (Component(self.component, "1", getattr(flight.instruments, self.name)[0]),)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with declared properties larger by the share `value`."""
+        larger = {name: getattr(flight.vehicle, name) * (1.0 + value) for name in self.properties}
+        return replace(flight, vehicle=replace(flight.vehicle, **larger))
 
 
 class DynamicPressureScale(Declared):
@@ -253,10 +226,7 @@ class InertiaRatio(Declared):
     name, title = "inertia_ratio", "error of the ratio of inertias"
     claims, source = "spin inertia over transverse inertia is off by a constant factor", "report, Eq. 2.3"
     component = "ratio"
-
-    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with a declared spin inertia larger by the share `value`."""
-        return replace(flight, vehicle=replace(flight.vehicle, ixx=flight.vehicle.ixx * (1.0 + value)))
+    properties = ("ixx",)
 
 
 class Inertia(Declared):
@@ -264,15 +234,8 @@ class Inertia(Declared):
 
     name, title = "inertia", "error of the inertia"
     claims, source = "the inertia, and with it every moment, is off by a constant factor", "report, Eq. 2.3"
+    properties = ("ixx", "iyy")
 
-    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with declared inertias larger by the share `value`."""
-        vehicle = flight.vehicle
-        larger = replace(vehicle, ixx=vehicle.ixx * (1.0 + value), iyy=vehicle.iyy * (1.0 + value))
-        return replace(flight, vehicle=larger)
-
-
-# ---- Wind across the track: slowly changing, or from one instant on ----
 
 # Half waves that a slow wind makes over the record, the k-th 1/k as large as the first: so many, or one for so many
 # metres of height, as waves in the atmosphere have vertical wavelengths of some kilometres, but no more than are worth
@@ -292,17 +255,11 @@ _AXES = {"y": 1, "z": 2}
 _SHAPES = {"": np.cos, "s": np.sin}
 
 
-def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
+def with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
     """The record with that wind (n,) m/s, along a body axis of the first sample, left unaccounted for."""
     wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
     wind[:, _AXES[axis]] -= speed
     return replace(flight, wind=wind)
-
-
-def _half_waves(flight: Flight) -> int:
-    """How many of them a wind makes over the record: more where it passes through more of the atmosphere."""
-    passed = 0.0 if flight.altitude is None else float(np.nanmax(flight.altitude) - np.nanmin(flight.altitude))
-    return min(max(WIND_HALF_WAVES, int(passed / WIND_HALF_WAVE_HEIGHT)), WIND_MOST_HALF_WAVES)
 
 
 class Wind(RecordEffect):
@@ -319,7 +276,9 @@ class Wind(RecordEffect):
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Cosines and sines of 1, 2, ... half waves along body axes y and z of the first sample, rms the tolerance."""
-        shares = 1.0 / np.arange(1.0, _half_waves(flight) + 1.0)
+        passed = 0.0 if flight.altitude is None else float(np.nanmax(flight.altitude) - np.nanmin(flight.altitude))
+        count = min(max(WIND_HALF_WAVES, int(passed / WIND_HALF_WAVE_HEIGHT)), WIND_MOST_HALF_WAVES)
+        shares = 1.0 / np.arange(1.0, count + 1.0)
         shares /= np.sqrt(np.sum(shares**2))
         return tuple(
             Component(f"{axis} {shape}{wave}", "m/s", float(share * flight.instruments.wind[place]))
@@ -333,14 +292,14 @@ class Wind(RecordEffect):
         axis, wave = component.split()
         place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
         count = wave.removeprefix("s")
-        return _with_wind(flight, axis, value * _SHAPES[wave[: -len(count)]](np.pi * int(count) * place))
+        return with_wind(flight, axis, value * _SHAPES[wave[: -len(count)]](np.pi * int(count) * place))
 
 
 class WindStep(RecordEffect):
-    """A step of the wind across the track at `time` s (None: the middle of the record).
+    """A step of the wind across the track at `time` s (None: the middle of the record), known to `spread` s.
 
     No channel senses it: the velocity relative to the air turns while the inertial velocity does not.
-    A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
+    A step along the track is in the record's `velocity` already.
     """
 
     name, title, family = "wind_step", "step of the wind", "air"
@@ -358,19 +317,16 @@ class WindStep(RecordEffect):
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """Instants over the record; once `time` and `spread` are set, 7 instants near it."""
-        if self.time is None or self.spread is None:
-            instants = np.linspace(flight.time[0], flight.time[-1], WIND_STEP_INSTANTS + 2)[1:-1]
-            spread = float(instants[1] - instants[0])
-        else:
+        instants = np.linspace(flight.time[0], flight.time[-1], WIND_STEP_INSTANTS + 2)[1:-1]
+        if self.time is not None and self.spread is not None:
             instants = self.time + self.spread * np.linspace(-0.75, 0.75, WIND_STEP_CLOSER)
-            spread = 0.25 * self.spread
-        found = ({"time": float(instant), "spread": spread} for instant in instants)
-        return tuple(self.model_copy(update=settings) for settings in found)
+        spread = float(instants[1] - instants[0])
+        return tuple(self.model_copy(update={"time": time, "spread": spread}) for time in instants.tolist())
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that much wind left unaccounted for."""
         at = 0.5 * (flight.time[0] + flight.time[-1]) if self.time is None else self.time
-        return _with_wind(flight, component, np.where(flight.time >= at, value, 0.0))
+        return with_wind(flight, component, np.where(flight.time >= at, value, 0.0))
 
 
 @hookimpl

@@ -12,10 +12,7 @@ from brv_hypo.motion.motion import Motion
 
 
 class Damping(Mechanism):
-    """C_N' += c (alpha_dot d / 2V); `complete` adds the out-of-plane partner.
-
-    That partner is c alpha (p - phi_w_dot) d / 2V: the damping of the precession lambda = phi - phi_w.
-    """
+    """C_N' += c (alpha_dot d / 2V); `complete` adds out of plane c alpha (p - phi_w_dot) d / 2V, of the precession."""
 
     name, title = "damping", "unstable damping"
     claims = "a damping moment of the wrong sign, in the plane of the angle of attack; nothing out of plane"

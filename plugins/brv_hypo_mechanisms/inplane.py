@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+from brv_hypo.model.baseline import static_terms
 from brv_hypo.motion.motion import Motion
 
 
@@ -23,11 +22,7 @@ class InPlane(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Two terms: C_m0 and C_malpha."""
-        nothing = np.zeros_like(motion.alpha)
-        return (
-            Term("C_m0", np.ones_like(motion.alpha), nothing, "1"),
-            Term("C_malpha", motion.alpha, nothing, "1/rad"),
-        )
+        return static_terms(motion)
 
 
 @hookimpl

@@ -139,10 +139,8 @@ def check_columns(names: Iterable[str], available: Iterable[str], path: Path) ->
     for name in names:
         if name not in available:
             known = ", ".join(map(one_line, available[:MOST_NAMED])) or "none"
-            raise UsageError(
-                f"{path}: there is no column '{name}', which the map asks for{nearest(name, available)}. "
-                f"It has {known}."
-            )
+            lacks = f"there is no column '{name}', which the map asks for{nearest(name, available)}"
+            raise UsageError(f"{path}: {lacks}. It has {known}.")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -80,11 +80,9 @@ def detect(path: Path, layout: Layout) -> Dialect:
     most = tuple(max({"number": 0, **each}, key=lambda kind: each[kind]) for each in columns)
     numeric = [k for k in range(width) if most[k] != "text"]
     found = [[row[k] for k in numeric] if len(row) == width else [] for row in kinds]
-    values = [
-        sum(kind in KINDS for kind in row) for row in found
-    ]  # and no text beside them, or little, in a row of data
-    data = (k for k, n in enumerate(values) if n and ("text" not in found[k] or 2 * n > len(numeric)))
-    first = next(data, None)
+    values = [sum(kind in KINDS for kind in row) for row in found]
+    # No text beside them, or little, is in a row of data.
+    first = next((k for k, n in enumerate(values) if n and ("text" not in found[k] or 2 * n > len(numeric))), None)
     if first is None or worth <= 0:
         texts = [cells for cells in rows if any(cells)]
         if encoding != "utf-8-sig" or len(texts) > 1:
@@ -189,9 +187,9 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     """Names of which none is empty or stands twice."""
-    before = [names[:k].count(name) for k, name in enumerate(names)]
-    each = zip(names, before, strict=True)
-    return tuple((f"{n} #{k + 1}" if k else n) if n else f"column {place}" for place, (n, k) in enumerate(each, 1))
+    known = [name or f"column {place}" for place, name in enumerate(names, 1)]
+    before = [known[:k].count(name) for k, name in enumerate(known)]
+    return tuple(f"{name} #{k + 1}" if k else name for name, k in zip(known, before, strict=True))
 
 
 def read_text(path: Path, names: tuple[str, ...] | None, layout: Layout, dialect: Dialect | None = None) -> ColumnTable:

@@ -52,6 +52,10 @@ LOGGERS = {
         "T: time ms; FAlt: altitude ft; Filt_Alt: altitude ft; FVeloc: velocity ft/s",
     ),
 }
+LONGEST_LABEL = 1 << 20  # bytes
+STATEMENT = re.compile(r'^[ \t]*(\^?\w+)[ \t]*=[ \t]*("[^"]*"|\([^)]*\)|[^\r\n]*)', re.MULTILINE)
+UNITS = {"SECOND": "s", "SECONDS": "s", "GRAVITY": "g", "METER": "m", "METERS": "m", "KILOMETER": "km"}
+MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
 
 
 def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
@@ -76,16 +80,6 @@ def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
 
 
 # ---- Tables of the Planetary Data System ----
-
-
-LONGEST_LABEL = 1 << 20  # bytes
-STATEMENT = re.compile(r'^[ \t]*(\^?\w+)[ \t]*=[ \t]*("[^"]*"|\([^)]*\)|[^\r\n]*)', re.MULTILINE)
-UNITS = {"SECOND": "s", "SECONDS": "s", "GRAVITY": "g", "METER": "m", "METERS": "m", "KILOMETER": "km"}
-MISSING = ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT")
-
-
-def _is_pds3(path: Path, head: str) -> bool:
-    return "PDS_VERSION_ID" in head[:2000] or _label_of(path) != path
 
 
 def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
@@ -120,6 +114,10 @@ def _read_pds3(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTabl
 def _label_of(path: Path) -> Path:
     """The label beside a table; else the file itself."""
     return (_beside(path, f"{path.stem}.lbl") if path.suffix.lower() == ".tab" else None) or path
+
+
+def _is_pds3(path: Path, head: str) -> bool:
+    return "PDS_VERSION_ID" in head[:2000] or _label_of(path) != path
 
 
 def _beside(path: Path, name: str) -> Path | None:

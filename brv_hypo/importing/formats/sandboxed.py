@@ -12,7 +12,7 @@ unit end in `_2`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -26,16 +26,6 @@ from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.sandbox import Budget, read_in_sandbox
 from brv_hypo.io.text import refused
-
-
-def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    if find_spec("pyarrow") is None:
-        raise missing_package(f"{path}: reading parquet", "pyarrow", "tables")
-    return read_in_sandbox("Parquet", parquet_table, path, names)
-
-
-# ---- Logs of flight computers ----
-
 
 UNITS = {"time": "s", "altitude": "m", "velocity": "m/s", "density": "kg/m^3", "pressure": "Pa"}
 # Of a CATS record by kind (its lowest four bits are the sensor's number): columns, their sizes, and the type.
@@ -55,6 +45,7 @@ TOPICS = {
     "airspeed_validated": {"true_airspeed_m_s": "velocity"},
 }
 
+ULOG = "ULog\x01\x12\x35"  # with which a PX4 log begins
 Section = tuple[int, FloatArray, dict[str, FloatArray]]
 """The number of a sensor, its stamps (n,) s, and its values (n,) by column."""
 
@@ -116,15 +107,20 @@ def _table(sections: Iterable[Section], names: tuple[str, ...], known: Mapping[s
     return ColumnTable(columns, ("time", *named), units)
 
 
-def _read_px4(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    if find_spec("pyulog") is None:
-        raise missing_package(f"{path}: reading a PX4 log", "pyulog", "px4")
-    return read_in_sandbox("PX4 log", px4_table, path, names)
+def _read(library: str, table: Callable[..., ColumnTable], package: str = "", extra: str = "") -> Callable[..., Any]:
+    """A reader in the sandbox, which may need a package."""
+
+    def read(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
+        if package and find_spec(package) is None:
+            raise missing_package(f"{path}: reading {library}", package, extra)
+        return read_in_sandbox(library, table, path, names)
+
+    return read
 
 
 FORMATS = (
-    TableFormat("cats", lambda path, names, _: read_in_sandbox("CATS log", cats_table, path, names), (".cfl",)),
-    TableFormat("px4", _read_px4, (".ulg",), lambda path, head: head.startswith("ULog\x01\x12\x35")),
-    TableFormat("parquet", _read_parquet, (".parquet",)),
-    TableFormat("mat", lambda path, names, _: read_in_sandbox("MATLAB", mat_table, path, names), (".mat",)),
+    TableFormat("cats", _read("CATS log", cats_table), (".cfl",)),
+    TableFormat("px4", _read("PX4 log", px4_table, "pyulog", "px4"), (".ulg",), lambda _, head: head.startswith(ULOG)),
+    TableFormat("parquet", _read("Parquet", parquet_table, "pyarrow", "tables"), (".parquet",)),
+    TableFormat("mat", _read("MATLAB", mat_table), (".mat",)),
 )
