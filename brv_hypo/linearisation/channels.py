@@ -16,8 +16,11 @@ from scipy import sparse
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.clock import runs
 from brv_hypo.linearisation.frame import Piece, RateFrame
-from brv_hypo.linearisation.whitening import NoiseModel, applied
+from brv_hypo.linearisation.linear import solve_scaled
+from brv_hypo.linearisation.whitening import NoiseModel, difference
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.interpolation import applied
 from brv_hypo.motion.motion import effective
 from brv_hypo.motion.signals import ColouredNoise
 
@@ -97,14 +100,6 @@ class Part:
         mine = slice(first, last)
         return Part(self.rows[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
 
-    def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
-        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        return Whitening(self, noise).rates(rates)
-
-    def whitened(self, rows: Histories, noise: Noise) -> FloatArray:
-        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        return Whitening(self, noise).both(rows)
-
     def constants(self) -> ComplexArray:
         """The constants of integration as histories of the rates (rows, 2 levels)."""
         out = np.zeros((self.rows.size, 2 * len(self.levels)), dtype=complex)
@@ -131,42 +126,39 @@ class Whitening:
     noise: Noise
 
     def rates(self, rates: ComplexArray) -> FloatArray:
-        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        return _white(self._of_rates, rates)
+        """The rates (rows, columns), filtered, at unit noise (2 thinned rows, columns); real before imaginary."""
+        return _white(self._operators[0], rates)
 
     def both(self, rows: Histories) -> FloatArray:
-        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        usable = (rows.force.T * self.part.valid).T
-        return np.concatenate([self.rates(rows.rates), _white(self._of_force, usable)])
+        """Both channels: (4 thinned rows, columns), rates first, then force."""
+        usable = rows.force * self.part.valid[:, np.newaxis]
+        return np.concatenate([self.rates(rows.rates), _white(self._operators[1], usable)])
 
     @cached_property
-    def _of_rates(self) -> sparse.csr_array:
-        return self._operator(self.noise.rates)
-
-    @cached_property
-    def _of_force(self) -> sparse.csr_array:
-        return self._operator(self.noise.force)
-
-    def _operator(self, model: NoiseModel) -> sparse.csr_array:
-        """Filter and sums of neighbours over the root of their number, within each stretch (thinned rows, rows)."""
-        blocks = []
-        for a, b in self.part.pieces:
-            filtered = model.operator(b - a) / model.sigma
-            blocks.append(_averages(b - a, self.noise.thinning) @ filtered)
-        return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
+    def _operators(self) -> list[sparse.csr_array]:
+        """Of rates and force: filter and sums of neighbours over the root of their number, within each stretch."""
+        found = []
+        for model in (self.noise.rates, self.noise.force):
+            blocks = []
+            for a, b in self.part.pieces:
+                starts = np.append(np.arange(0, b - a, self.noise.thinning), b - a)
+                sizes = np.diff(starts)
+                sums = sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(b - a), starts))
+                blocks.append(sums @ (model.operator(b - a) / model.sigma))
+            found.append(sparse.csr_array(sparse.block_diag(blocks, format="csr")))
+        return found
 
 
 def _white(operator: sparse.csr_array, rows: ComplexArray) -> FloatArray:
-    """An operator applied to histories (rows,) or (rows, columns), real parts before imaginary ones."""
-    white = applied(operator, rows if rows.ndim == 2 else rows[:, np.newaxis])
+    white = applied(operator, rows)
     return np.concatenate([white.real, white.imag])
 
 
-def _averages(samples: int, thinning: int) -> sparse.csr_array:
-    """Sums of `thinning` neighbours over the root of their number (thinned samples, samples)."""
-    starts = np.append(np.arange(0, samples, thinning), samples)
-    sizes = np.diff(starts)
-    return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
+def first_values(frame: RateFrame, part: Part, columns: Sequence[Regressor]) -> FloatArray:
+    """Coefficients (columns,) of moments on a part by plain least squares of the rates' differences."""
+    whitening = Whitening(part, Noise(difference(), difference()))
+    design = whitening.rates(np.column_stack([frame.columns(columns)[part.rows], part.constants()]))
+    return solve_scaled(design, whitening.rates(frame.observed[part.rows, np.newaxis])[:, 0])[: len(columns)]
 
 
 def side_by_side(rows: Sequence[Histories]) -> Histories:
@@ -239,18 +231,10 @@ class ForceModel:
         """Columns (n, 4) at the crossflow xi (n,)."""
         own = effective(xi)
         flow, square = -record.force_scale * own, np.abs(own) ** 2
-        return np.column_stack(
-            [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
-        )
+        parabola = np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+        slopes = (flow * (self.slope + self.bend * square))[:, np.newaxis] * parabola
+        return np.column_stack([slopes, flow * self.slope * square])
 
     def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
         """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
-        own = effective(xi)
-        slope = self._parabola @ values[:3]
-        bend = self.bend * slope + values[3] * self.slope
-        return np.asarray(-record.force_scale * own * (self.slope * slope + bend * np.abs(own) ** 2))
-
-    @cached_property
-    def _parabola(self) -> FloatArray:
-        """Powers of time over the record, from -1 to 1 (n, 3)."""
-        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+        return np.asarray(self.columns(record, xi) @ values)

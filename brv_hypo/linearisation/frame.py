@@ -6,7 +6,7 @@ integration of every segment is projected out, so that segments, flights and hel
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -16,11 +16,10 @@ from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.linearisation.weakform import Integrals, WeakSegment, weak_segments
-from brv_hypo.linearisation.whitening import NoiseModel
 from brv_hypo.mechanisms.checked import checked, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
-from brv_hypo.model.term import Regressor, Theta, evaluated
+from brv_hypo.model.term import Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion, body_from_plane, recorded
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -136,30 +135,21 @@ class RateFrame:
 
     def columns(self, columns: Sequence[Regressor]) -> ComplexArray:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
-        out = np.empty((self.observed.size, len(columns)), dtype=complex)
-        for shapes, members, which in self._by_shape(columns):
+        out = np.zeros((self.observed.size, len(columns)), dtype=complex)
+        for k, (a, b), shapes, members, which in self._acting(columns):
             bases = [columns[j].time_basis for j in members]
-            for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
-                out[a:b, members] = segment.columns(integrals, which, bases)
-        return self._where_they_act(out, columns)
+            out[a:b, members] = self.segments[k].columns(shapes.integrals[k], which, bases)
+        return out
 
     def moments(self, columns: Sequence[Regressor]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
-        out = np.empty((self.observed.size, len(columns)), dtype=complex)
-        for shapes, members, which in self._by_shape(columns):
-            for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-                nodes = segment.nodes
-                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
-                for j, k in zip(members, which, strict=True):
-                    out[a:b, j] = body[:, k] * columns[j].time_basis(segment.coefficient_time)
-        return self._where_they_act(out, columns)
-
-    def _where_they_act(self, rows: ComplexArray, columns: Sequence[Regressor]) -> ComplexArray:
-        """The histories (rows, columns), zero on the flights that a column does not act on."""
-        for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-            idle = [j for j, column in enumerate(columns) if not column.acts_on(segment.flight)]
-            rows[a:b, idle] = 0.0
-        return rows
+        out = np.zeros((self.observed.size, len(columns)), dtype=complex)
+        for k, (a, b), shapes, members, which in self._acting(columns):
+            segment, nodes = self.segments[k], self.segments[k].nodes
+            body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
+            for j, term in zip(members, which, strict=True):
+                out[a:b, j] = body[:, term] * columns[j].time_basis(segment.coefficient_time)
+        return out
 
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
         """The same frame, knowing these mechanisms too."""
@@ -195,52 +185,42 @@ class RateFrame:
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
-        moments = self._in_plane_moments(columns, values)
+        moments = self.in_plane_moments(columns, values)
         if self.design:
-            moments = [own + known for own, known in zip(moments, self.design, strict=True)]
+            moments = tuple(own + known for own, known in zip(moments, self.design, strict=True))
         pairs = zip(self.finer, moments, strict=True)
-        finer = tuple(recorded(replace(motion, in_plane_moment=moment)) for motion, moment in pairs)
-        out = replace(self, finer=finer)
+        out = replace(self, finer=tuple(recorded(replace(one, in_plane_moment=moment)) for one, moment in pairs))
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
         return out
 
-    def with_design(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
-        """The frame whose `design` is made of the wind-fixed ones of these columns."""
-        return replace(self, design=tuple(self._in_plane_moments(columns, values)))
-
-    def _in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
+    def in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> tuple[FloatArray, ...]:
         """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
-        moments = []
+        pairs, moments = zip(columns, values.tolist(), strict=True), []
+        fixed = [pair for pair in pairs if self.mechanisms[pair[0].mechanism].wind_fixed]
         for number, motion in enumerate(self.finer):
-            fixed = [
-                j
-                for j, column in enumerate(columns)
-                if self.mechanisms[column.mechanism].wind_fixed and column.acts_on(number)
-            ]
-            here, moment = [columns[j] for j in fixed], np.zeros_like(motion.alpha)
-            terms = evaluated(here, self.mechanisms, motion)
-            for column, term, value in zip(here, terms, values[fixed], strict=True):
-                moment = moment + value * term.in_plane * column.time_basis(motion.coefficient_time)
-            moments.append(moment)
-        return moments
+            here = [(column, value) for column, value in fixed if column.acts_on(number)]
+            shapes = (term.in_plane for term in evaluated([column for column, _ in here], self.mechanisms, motion))
+            weights = (value * column.time_basis(motion.coefficient_time) for column, value in here)
+            moments.append(summed(shapes, weights, motion.alpha))
+        return tuple(moments)
 
-    def _by_shape(self, columns: Sequence[Regressor]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
-        """Shapes in turn, the columns of them, and which term each column has."""
-        groups: dict[_Key, list[int]] = {}
-        for j, column in enumerate(columns):
-            groups.setdefault((column.mechanism, column.theta), []).append(j)
-        self._evaluate_missing(groups)
-        shared: dict[int, tuple[_Shapes, list[int]]] = {}
-        for key, members in groups.items():
-            shapes = self._evaluated[key]
-            shared.setdefault(id(shapes), (shapes, []))[1].extend(members)
-        for shapes, members in shared.values():
-            places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
-            yield shapes, members, np.array(places)
+    def _acting(self, columns: Sequence[Regressor]) -> Iterator[tuple[int, Piece, _Shapes, list[int], IntArray]]:
+        """Of each segment, by its number and rows, shapes in turn: which columns act there, and the term that each is
+        among the shapes.
+        """
+        self._evaluate_missing({(column.mechanism, column.theta): None for column in columns})
+        for k, (segment, piece) in enumerate(zip(self.segments, self.pieces, strict=True)):
+            shared: dict[int, tuple[_Shapes, list[int]]] = {}
+            for j, column in enumerate(columns):
+                if column.acts_on(segment.flight):
+                    shapes = self._evaluated[column.mechanism, column.theta]
+                    shared.setdefault(id(shapes), (shapes, []))[1].append(j)
+            for shapes, members in shared.values():
+                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
+                yield k, piece, shapes, members, np.array(places)
 
-    def _evaluate_missing(self, keys: Iterable[_Key]) -> None:
+    def _evaluate_missing(self, wanted: Mapping[_Key, None]) -> None:
         """Shapes that are not known yet, those of a mechanism's thetas together; where many are kept, these alone."""
-        wanted = dict.fromkeys(keys)
         kept = {id(shapes): len(shapes.position) for shapes in self._evaluated.values()}
         if sum(kept.values()) * self.observed.size > _KEPT_VALUES:
             for key in self._evaluated.keys() - wanted.keys():
@@ -268,7 +248,7 @@ class RateFrame:
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
             plane.append(found)
         integrals = tuple(
-            s.integrate_weighted(factor * plane[s.flight][s.nodes.rows])
+            s.integrate(factor * plane[s.flight][s.nodes.rows])
             for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
@@ -284,7 +264,9 @@ def build_frame(
     for rec in reconstructions:
         _require_small_angles(rec)
     if common is not None:
-        reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
+        shared = [own.common_at(rec.motion.time) for own, rec in zip(common.flights, reconstructions, strict=True)]
+        pairs = zip(reconstructions, shared, strict=True)
+        reconstructions = [replace(rec, motion=replace(rec.motion, common_time=time)) for rec, time in pairs]
     segments = [
         segment
         for number, rec in enumerate(reconstructions)
@@ -309,35 +291,6 @@ def _require_small_angles(reconstruction: Reconstruction) -> None:
             f"{limits.TUMBLING_ALPHA:.0f} deg from {motion.time[np.argmax(beyond)]:.4g} s on: the vehicle tumbles, and "
             "no model here has its moments. Give a window before that (--stop), or after it (--start)."
         )
-
-
-def _on_common_time(reconstruction: Reconstruction, own: OwnTime) -> Reconstruction:
-    motion = reconstruction.motion
-    return replace(reconstruction, motion=replace(motion, common_time=own.common_at(motion.time)))
-
-
-def whiten(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> FloatArray:
-    """Whitened real rows (2 x kept rows, columns): each piece filtered, its constant of integration removed.
-
-    `rows` (rows, columns) are complex rate histories; the real parts of all pieces come first.
-    """
-    out = []
-    for a, b in pieces:
-        both = noise.whiten(np.column_stack([np.ones(b - a, dtype=complex), rows[a:b]]))
-        level, white = both[:, 0].real, both[:, 1:]
-        out.append(white - np.outer(level, (level @ white) / (level @ level)))
-    stacked = np.concatenate(out)
-    return np.concatenate([stacked.real, stacked.imag])
-
-
-def remove_levels(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> list[ComplexArray]:
-    """Residual rates (m,) of each piece less the piece's constant of integration, as the noise weighs it."""
-    out = []
-    for a, b in pieces:
-        both = noise.whiten(np.column_stack([rows[a:b], np.ones(b - a, dtype=complex)]))
-        level = both[:, 1].real
-        out.append(rows[a:b] - (level @ both[:, 0]) / (level @ level))
-    return out
 
 
 # ---- Residual rates as moment coefficients: what a model leaves, in the terms in which it is told ----

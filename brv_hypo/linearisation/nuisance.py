@@ -304,7 +304,9 @@ def _tolerated(
     terms, motion = mechanism.terms(frame.finer[number], {}), frame.finer[number]
     body = np.stack([motion.to_body(term.in_plane, term.out_of_plane) for term in terms], axis=1)
     own = [segment for segment in frame.segments if segment.flight == number]
-    parts = [s.integrate(body[s.nodes.rows]).plain.at_nodes[s.nodes.samples] for s in own]
+    parts = [
+        s.integrate(s.nodes.factor[:, np.newaxis] * body[s.nodes.rows]).plain.at_nodes[s.nodes.samples] for s in own
+    ]
     rates = np.concatenate([np.zeros((0, len(names)), dtype=complex), *parts])
     rates, of_flight = rates * np.asarray(sizes), None if shared else number
     return [

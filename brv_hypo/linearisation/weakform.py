@@ -14,10 +14,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.term import TimeBasis
 from brv_hypo.motion.interpolation import Quadrature, SplineGrid, among, running_integral
@@ -25,6 +26,7 @@ from brv_hypo.motion.interpolation import Quadrature, SplineGrid, among, running
 # Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
 # integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
 _END = 1e-9
+SHORTEST = 8  # samples of a segment that is usable
 
 
 @dataclass(frozen=True)
@@ -77,49 +79,11 @@ class Antiderivative:
         return np.asarray(self.at_nodes[i, columns] + inside, dtype=complex)
 
 
-@dataclass(frozen=True)
-class Integrals:
-    """Antiderivatives of columns g (m, columns) and of (s - origin) g over one segment; `since` is s - origin (m,)."""
+class Integrals(NamedTuple):
+    """Antiderivatives over one segment of columns g (m, columns), and of (s - origin) g, which ramps need."""
 
-    grid: SplineGrid
-    integrand: ComplexArray
-    since: FloatArray
-
-    @cached_property
-    def plain(self) -> Antiderivative:
-        """Of g."""
-        return Antiderivative(self.grid, self.integrand)
-
-    @cached_property
-    def first(self) -> Antiderivative:
-        """Of (s - origin) g, which ramps need."""
-        return Antiderivative(self.grid, self.integrand, self.since)
-
-
-@dataclass(frozen=True)
-class _Spans:
-    """Courses as arrays (k,); start and stop are also given as `begin` and `end` inside a segment, in its own time.
-
-    Infinite is what lies beyond a segment (`WeakSegment.own_times`).
-    """
-
-    ramp: BoolArray
-    start: FloatArray
-    stop: FloatArray
-    begin: FloatArray
-    end: FloatArray
-
-    @classmethod
-    def over(cls, bases: Sequence[TimeBasis], segment: WeakSegment) -> _Spans:
-        """These courses over a segment."""
-        start, stop = np.array([(time_basis.start, time_basis.stop) for time_basis in bases]).T
-        ramp = np.array([time_basis.kind == "ramp" for time_basis in bases])
-        begin, end = (segment.own_times(times) for times in (start, stop))
-        return cls(ramp, start, stop, begin, end)
-
-    def of(self, chosen: IntArray) -> _Spans:
-        """Some of them."""
-        return _Spans(self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen])
+    plain: Antiderivative
+    first: Antiderivative
 
 
 @dataclass(frozen=True)
@@ -176,88 +140,61 @@ class WeakSegment:
     def _grid(self) -> SplineGrid:
         return SplineGrid.on(self.nodes.time)
 
-    def integrate(self, body_moments: ComplexArray) -> Integrals:
-        """Antiderivatives for columns C_m + i C_n (k, columns) on the segment's nodes."""
-        return self.integrate_weighted(self.nodes.factor[:, np.newaxis] * body_moments)
-
-    def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
-        """Antiderivatives for columns (k, columns) that hold the segment's factor already."""
-        return Integrals(self._grid, integrands, self.nodes.coefficient_time - self.coefficient_time[0])
+    def integrate(self, integrands: ComplexArray) -> Integrals:
+        """Antiderivatives for columns (k, columns) on the nodes: C_m + i C_n times the factor of the integrand."""
+        since = self.nodes.coefficient_time - self.coefficient_time[0]
+        return Integrals(Antiderivative(self._grid, integrands), Antiderivative(self._grid, integrands, since))
 
     def columns(self, integrals: Integrals, which: IntArray, bases: Sequence[TimeBasis]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
-        spans = _Spans.over(bases, self)
-        out = self._between(integrals.plain, which, spans)
-        ramps = np.flatnonzero(spans.ramp)
-        if ramps.size:
-            spans, which = spans.of(ramps), which[ramps]
-            out[:, ramps] *= self.coefficient_time[0] - spans.start
-            out[:, ramps] += self._between(integrals.first, which, spans)
-            self._hold(out, ramps, integrals.plain, which, spans)
+        start, stop = np.array([(basis.start, basis.stop) for basis in bases]).T
+        begin, end = self.own_times(start), self.own_times(stop)
+        out = self._between(integrals.plain, which, begin, end)
+        if (ramps := np.flatnonzero([basis.kind == "ramp" for basis in bases])).size:
+            which, (start, stop, begin, end) = which[ramps], (each[ramps] for each in (start, stop, begin, end))
+            out[:, ramps] *= self.coefficient_time[0] - start
+            out[:, ramps] += self._between(integrals.first, which, begin, end)
+            last = np.full(ramps.size, self.time[-1])
+            if np.any(end < last):  # what its last value brings after it has ended
+                held = np.minimum(stop, self.coefficient_time[-1]) - start
+                out[:, ramps] += held * self._between(integrals.plain, which, end, last)
         return out
 
-    def _between(self, integral: Antiderivative, which: IntArray, spans: _Spans) -> ComplexArray:
-        """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
+    def _between(self, integral: Antiderivative, which: IntArray, begin: FloatArray, end: FloatArray) -> ComplexArray:
+        """Integral from `begin` (k,) to each sample, 0 before it and constant after `end` (m, k), in its own times."""
         out = integral.at_nodes[self.nodes.samples][:, which]
         base = np.zeros(which.size, dtype=complex)
-        late = np.flatnonzero((spans.begin > self.time[0]) & np.isfinite(spans.begin))
+        late = np.flatnonzero((begin > self.time[0]) & np.isfinite(begin))
         if late.size:
-            begin = spans.begin[late]
-            base[late] = integral.at(begin, which[late])
+            base[late] = integral.at(begin[late], which[late])
             out -= base
-            for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
+            for j, first in zip(late.tolist(), self.time.searchsorted(begin[late]).tolist(), strict=True):
                 out[:first, j] = 0.0
-        out[:, np.isposinf(spans.begin)] = 0.0
-        early = np.flatnonzero(spans.end < self.time[-1])
+        out[:, np.isposinf(begin)] = 0.0
+        early = np.flatnonzero(end < self.time[-1])
         if early.size:
-            end = spans.end[early]
-            last = integral.at(end, which[early]) - base[early]
-            for j, after, value in zip(early.tolist(), self.time.searchsorted(end).tolist(), last, strict=True):
+            last = integral.at(end[early], which[early]) - base[early]
+            for j, after, value in zip(early.tolist(), self.time.searchsorted(end[early]).tolist(), last, strict=True):
                 out[after:, j] = value
         return out
 
-    def _hold(
-        self, out: ComplexArray, ramps: IntArray, integral: Antiderivative, which: IntArray, spans: _Spans
-    ) -> None:
-        """Add to the ramps among the columns what their last values bring after they have ended."""
-        last = np.full(ramps.size, self.time[-1])
-        if np.any(spans.end < last):
-            held = np.minimum(spans.stop, self.coefficient_time[-1]) - spans.start
-            out[:, ramps] += held * self._between(integral, which, _Spans(spans.ramp, last, last, spans.end, last))
-
 
 def weak_segments(
-    flight: Flight,
-    index: int,
-    shortest: int = 8,
-    common_time: FloatArray | None = None,
-    nodes: Quadrature | None = None,
+    flight: Flight, index: int, common_time: FloatArray | None = None, nodes: Quadrature | None = None
 ) -> tuple[WeakSegment, ...]:
-    """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates.
+    """The usable segments of a flight, those of at least `SHORTEST` samples, with their derolled rates.
 
     `common_time` (n,) s: see `WeakSegment`; `nodes`, those of its integrals, are its samples where not given.
     """
     derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
-    observed = (flight.q + 1j * flight.r) * derotation
-    return tuple(
-        WeakSegment(
-            flight.time[a:b],
-            observed[a:b],
-            factor[a:b],
-            index,
-            slice(a, b),
-            None if common_time is None else common_time[a:b],
-            None if nodes is None or nodes.spread is None else _nodes(nodes, a, b, factor, common_time),
-        )
-        for a, b in flight.segments
-        if b - a >= shortest
-    )
-
-
-def _nodes(nodes: Quadrature, first: int, stop: int, factor: ComplexArray, common: FloatArray | None) -> Nodes:
-    """Those of the segment [first, stop) of a flight with the factor (n,) of its integrands."""
-    rows = nodes.rows(first, stop)
-    time = nodes.time[rows]
-    coefficient_time = time if common is None else nodes.of(common)[rows]
-    return Nodes(time, coefficient_time, nodes.of(factor)[rows], rows, nodes.samples[first:stop] - rows.start)
+    observed, found = (flight.q + 1j * flight.r) * derotation, []
+    for a, b in (segment for segment in flight.segments if segment[1] - segment[0] >= SHORTEST):
+        own, common, finer = slice(a, b), None if common_time is None else common_time[a:b], None
+        if nodes is not None and nodes.spread is not None:
+            rows, samples = nodes.rows(a, b), nodes.samples[a:b]
+            time = nodes.time[rows]
+            coefficient_time = time if common_time is None else nodes.of(common_time)[rows]
+            finer = Nodes(time, coefficient_time, nodes.of(factor)[rows], rows, samples - rows.start)
+        found.append(WeakSegment(flight.time[own], observed[own], factor[own], index, own, common, finer))
+    return tuple(found)

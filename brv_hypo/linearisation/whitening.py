@@ -49,24 +49,14 @@ class NoiseModel:
         """Order of the autoregression."""
         return len(self.filters) - 1
 
-    def whiten(self, rows: ComplexArray) -> ComplexArray:
-        """Filter one segment's rows (m, columns); unit weight on the innovation of the full order."""
-        return applied(self.operator(rows.shape[0]), rows)
-
     def operator(self, samples: int) -> sparse.csr_array:
-        """The filter of a segment of so many samples, banded (samples, samples)."""
+        """The filter of a segment of so many samples, banded (samples, samples); the innovation keeps its size."""
         order = min(self.order, samples - 1)
         band = [np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])]
         for k in range(min(self.order, samples)):
             for lag, weight in enumerate(self.filters[k]):
                 band[lag][k - lag] = weight
         return sparse.diags_array(band, offsets=[-lag for lag in range(order + 1)], format="csr")
-
-
-def applied(operator: sparse.csr_array, rows: ComplexArray) -> ComplexArray:
-    """A real operator times complex rows (m, columns), which costs half as much in real arithmetic."""
-    parts = np.ascontiguousarray(rows, dtype=complex).view(float)
-    return np.asarray(np.ascontiguousarray(operator @ parts).view(complex))
 
 
 def white(sigma: float = 1.0) -> NoiseModel:

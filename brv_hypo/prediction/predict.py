@@ -33,7 +33,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, first_values
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors
@@ -252,7 +252,9 @@ def _frozen(
         data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-        fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
+        fit = fitted_about(
+            data, model, np.where(np.isnan(fixed), first_values(data.frame, data.whole, model.columns), fixed)
+        )
         # What has no prior was found on this very record, and is taken out of it.
         held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])

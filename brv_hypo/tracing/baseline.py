@@ -11,6 +11,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import baseline_columns
+from brv_hypo.linearisation.channels import first_values
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
@@ -143,6 +144,6 @@ def _slope(model: Model, data: Corrected) -> float | None:
     static = model.mechanisms.get(StaticMoment.name)
     if not isinstance(static, StaticMoment):
         return None
-    pairs = zip(model.columns, data.values(data.whole, model.columns).tolist(), strict=True)
+    pairs = zip(model.columns, first_values(data.frame, data.whole, model.columns).tolist(), strict=True)
     by_term = {column.term: value for column, value in pairs if column.mechanism == static.name}
     return static.mean_slope(data.frame.motions[0], by_term) if by_term else None

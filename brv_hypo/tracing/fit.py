@@ -23,13 +23,12 @@ from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.likelihood.statistics import whiteness
-from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
-from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
+from brv_hypo.linearisation.channels import Histories, Noise, Part, first_values, part, split, whole
+from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances, on_frame
 from brv_hypo.linearisation.propagated_motion import linearisation_point
 from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.linearisation.whitening import difference, white
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, without
 from brv_hypo.model.model import TOLERATED, Applied, Model
@@ -109,19 +108,11 @@ class Corrected:
         valid[self.whole.rows] = self.whole.valid
         return part(self.frame, valid, chosen, shared=True)
 
-    def values(self, part: Part, columns: tuple[Regressor, ...]) -> FloatArray:
-        """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
-        noise = Noise(difference(), difference())
-        design = part.white_rates(self.frame.columns(columns)[part.rows], noise)
-        constants = part.white_rates(part.constants(), noise)
-        response = part.white_rates(self.frame.observed[part.rows], noise)[:, 0]
-        return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
-
     def with_in_plane_moment(self, columns: tuple[Regressor, ...]) -> Corrected:
         """With C_mw of Eq. 5.1 where columns depend on its past."""
         data = self
         for _ in range(MODEL_MOMENT_ROUNDS if any(column.theta for column in columns) else 0):
-            values = data.values(data.fitted, columns)
+            values = first_values(data.frame, data.fitted, columns)
             data = replace(data, frame=data.frame.with_in_plane_moment(columns, values))
         return data
 
@@ -378,7 +369,7 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
 
     Without a `noise`, it is what the record itself says, raised to what the model leaves.
     """
-    linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
+    linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
     own = estimated_noise(problem) if noise is None else noise
     raised = raised_noise(problem.under(own)) if noise is None else noise
@@ -468,7 +459,8 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 def _whiteness(fit: Fit) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = fit.data.fitted
-    pieces = remove_levels(fit.rest.rates[fitted.rows], fitted.pieces, white())
+    rates = fit.rest.rates[fitted.rows]
+    pieces = [rates[a:b] - rates[a:b].mean() for a, b in fitted.pieces]
     flights = fit.data.frame.flight_of_row[fitted.rows]
     sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
     parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
