@@ -8,7 +8,7 @@ motion needs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,8 +184,12 @@ def nuisances(
         known = linearised.known
         if MOTION not in known:
             known[MOTION] = [
-                (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
-                for item, history, noise in _of_motion(number, linearised)
+                (
+                    Nuisance(name, component, number, "1", 1.0, value),
+                    _kept(grid, history.at(samples)),
+                    None if noise is None else grid.of(noise[samples]),
+                )
+                for name, component, history, value, noise in linearised.motion()
             ]
         errors = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
         missing = [each for each in errors if (repr(each[0]), each[1].name) not in known]
@@ -220,20 +224,6 @@ def nuisances(
 def _kept(grid: DecimatedGrid, history: Histories) -> Histories:
     """What is kept of a history on the rows of a flight."""
     return Histories(grid.of(history.rates), grid.of(history.force))
-
-
-def _of_motion(number: int, linearised: LinearisedFlight) -> Iterator[tuple[Nuisance, Histories, ComplexArray | None]]:
-    """Motion and normal force of one flight: the history (n,) of each, and the noise (n,) in it."""
-    for name, history, value in linearised.start_and_gravity():
-        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, None
-    for name, history, value, noise in linearised.random_walk():
-        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, noise
-    for error in linearised.reconstruction.input_errors:
-        for k, history in enumerate(linearised.input_noise(error)):
-            yield Nuisance(error.name, str(k), number, "1", 1.0, 0.0), history, None
-    force = linearised.force.columns(linearised.record, linearised.crossflow)
-    for k, column in enumerate(force.T):
-        yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Histories(np.zeros_like(column), column), None
 
 
 def _of_record(

@@ -58,31 +58,15 @@ def cycles(motion: Motion) -> float:
     return float(frequency * (motion.time[-1] - motion.time[0]) / (2.0 * np.pi))
 
 
-def walk_sines(record: InertialRecord, count: int) -> FloatArray:
-    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance."""
-    order, duration = _orders(count), record.time[-1]
-    size = _noise_at(record, order) * np.sqrt(2.0 * duration * record.flight.step)
-    return np.asarray(size / order * np.sin(np.outer(record.time / duration, order)), dtype=float)
-
-
-def walk_noise(record: InertialRecord, count: int) -> FloatArray:
-    """The gyros' noise (n, count) rad/s of which the sines of `walk_sines` are the integrals."""
-    order, duration = _orders(count), record.time[-1]
-    size = _noise_at(record, order) * np.sqrt(2.0 * record.flight.step / duration)
-    return np.asarray(size * np.cos(np.outer(record.time / duration, order)), dtype=float)
-
-
-def _orders(count: int) -> FloatArray:
-    """Frequencies of the sines of a random walk (count,), rad over the record."""
-    return np.asarray(np.pi * (np.arange(count) + 0.5), dtype=float)
-
-
-def _noise_at(record: InertialRecord, order: FloatArray) -> FloatArray:
-    """Sigma of white noise, rad/s, as loud as the gyros' is at each of these frequencies, rad over the record."""
-    return record.gyro_walk.sigma_at(order * record.flight.step / record.time[-1])
-
-
-# ---- The motion to linearise about, by where it starts and how its attitude wanders: a fit moves both ----
+def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArray]:
+    """Sines (n, count) rad of a random walk, each of unit prior variance, and the gyros' noise (n, count) rad/s that
+    they are the integrals of.
+    """
+    order, duration, step = np.pi * (np.arange(count) + 0.5), record.time[-1], record.flight.step
+    angle = np.outer(record.time / duration, order)
+    sigma = record.gyro_walk.sigma_at(order * step / duration)  # of white noise as loud at each frequency
+    sines = sigma * np.sqrt(2.0 * duration * step) / order * np.sin(angle)
+    return sines, sigma * np.sqrt(2.0 * step / duration) * np.cos(angle)
 
 
 # Names of a motion's unknowns: what a fit says that it has too much of.
@@ -124,7 +108,7 @@ class PropagatedMotion:
         weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
         return PropagatedMotion(
             WindStart(direction / np.linalg.norm(direction), self.start.gravity - pull),
-            self.walk - walk_sines(record, count) @ np.array(weights, dtype=complex),
+            self.walk - walk_sines(record, count)[0] @ np.array(weights, dtype=complex),
         )
 
     def crossflow(self, record: InertialRecord) -> ComplexArray:
@@ -141,8 +125,10 @@ def linearisation_point(
     `motion` is that of a fit whose errors are out of the flight already: nothing more is taken out then. A new one from
     the forces alone would lie as far off as they leave it, and the next fit as far from linear as the last.
     """
-    if motion is not None:
-        reconstruction = _as_it_reads(reconstruction, motion.start.gravity)
+    if motion is not None:  # the flight is taken as it reads, under this gravity
+        none_found = tuple(replace(each, value=0.0) for each in reconstruction.effects)
+        as_read = replace(reconstruction, corrected=reconstruction.flight, effects=none_found)
+        reconstruction = replace(as_read, gravity_body=motion.start.gravity)
     flight, errors = with_smooth_inputs(reconstruction)
     record = inertial_record(flight, config)
     read = replace(
@@ -155,16 +141,10 @@ def linearisation_point(
     )
     smooth = replace(reconstruction, flight=flight, motion=read, input_errors=errors)
     if motion is None:
-        own, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))
+        own, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))[0]
         # The faster part follows errors as they turn with the body, and those are unknowns of their own.
         motion = replace(own, walk=np.asarray(sines @ own.weights(sines)))
     return record, _moved(record, smooth, motion)
-
-
-def _as_it_reads(reconstruction: Reconstruction, gravity: FloatArray) -> Reconstruction:
-    """The reconstruction of a flight that is taken as it reads, under this gravity."""
-    none_found = tuple(replace(effect, value=0.0) for effect in reconstruction.effects)
-    return replace(reconstruction, corrected=reconstruction.flight, effects=none_found, gravity_body=gravity)
 
 
 def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: PropagatedMotion) -> Reconstruction:

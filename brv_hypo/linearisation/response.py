@@ -9,9 +9,9 @@ estimate, to first order: an effect cannot hide in the motion, nor the motion's 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,11 +22,11 @@ from brv_hypo.linearisation.channels import ForceModel, Histories
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
 from brv_hypo.linearisation.propagated_motion import (
     GRAVITY,
+    MOTION,
     START,
     PropagatedMotion,
     walk_modes,
     walk_name,
-    walk_noise,
     walk_sines,
 )
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -44,12 +44,14 @@ from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, noise_free, perturbed
-from brv_hypo.motion.signals import InputError
 
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
-RESPONSE_TURN = 1e-5  # rad, half the width of differences by the start's direction
-RESPONSE_PULL = 5e-3  # m/s^2, the same by gravity
+RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 m/s^2 of gravity
 Moved = TypeVar("Moved")
+MotionUnknown = tuple[str, str, Histories, float, ComplexArray | None]
+"""Name, component, derivative of the residual (n,), present value in units of the prior (NaN where there is none), and
+the noise (n,) rad/s that one unit of it is in the derolled rates.
+"""
 
 
 @dataclass(frozen=True)
@@ -90,25 +92,30 @@ class LinearisedFlight:
 
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
-        for some in self._so_many(wanted):
-            both = (self._read(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
-            yield from self._slopes(self._quiet_moments, *both)
+        return self._derivatives(self._quiet_moments, wanted, self._read)
 
-    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> Iterator[InertialRecord]:
+    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> list[MovedRecord]:
         """The noise-free record with a share of each error: motion of the measured rates, rates of the model."""
-        smooth = self._noise_free
+        smooth, found = self._noise_free, []
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
             read = effect.perturb(self._as_modelled, component, value)
-            yield replace(record, flight=replace(record.flight, q=read.q, r=read.r))
+            found.append(replace(record, flight=replace(record.flight, q=read.q, r=read.r)))
+        return self._propagated(found)
 
-    def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
-        """Lists of what records are moved by, so many at once that the records stay small, to either side."""
+    def _derivatives(
+        self, moments: MomentModel, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[MovedRecord]]
+    ) -> Iterator[Histories]:
+        """Derivatives of the residual (n,) by each of some things; `moved` has the records that a share of each makes.
+
+        So many at once that the records stay small, to either side.
+        """
         remaining = iter(each)
-        width = 1 + AT_ONCE // (2 * self.record.flight.samples)
-        while some := list(itertools.islice(remaining, width)):
-            yield some
+        while some := list(itertools.islice(remaining, 1 + AT_ONCE // (2 * self.record.flight.samples))):
+            more, less = (moved(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
+            found = self._changes(moments, more, less).times(1.0 / RESPONSE_STEP)
+            yield from map(Histories, found.rates.T, found.force.T)
 
     @cached_property
     def _as_modelled(self) -> Flight:
@@ -117,12 +124,12 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        own, factors, kept = self._unintegrated(self._propagated([(smooth, self.reconstruction.start)]))
+        own, factors, kept = self._unintegrated(self._propagated([smooth]))
         nodes = self.reconstruction.nodes
-        (left,) = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept)))
+        left = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept))).rates[:, 0]
         for a, b in smooth.flight.segments:
-            left.rates[a:b] -= left.rates[a:b].mean()
-        rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
+            left[a:b] -= left[a:b].mean()
+        rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     @cached_property
@@ -133,130 +140,101 @@ class LinearisedFlight:
         """
         return noise_free(self.record, self.force.at(self.record, self.crossflow, self.force_values))
 
-    def input_noise(self, error: InputError) -> Iterator[Histories]:
-        """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
+    def motion(self) -> Iterator[MotionUnknown]:
+        """What the motion and the normal force are fitted by."""
+        yield from itertools.chain(self.start_and_gravity(), self.random_walk())
+        for error in self.reconstruction.input_errors:
+            shapes = error.shapes(self.record.flight.time)
+            read = partial(self._with_input_error, error.name)
+            for k, history in enumerate(self._derivatives(self._moments, shapes, read)):
+                yield error.name, str(k), history, 0.0, None
+        for k, column in enumerate(self.force.columns(self.record, self.crossflow).T):
+            yield "force", str(k), Histories(np.zeros_like(column), column), np.nan, None
 
-        A weight is what the record, as smoothed, has of that shape too much.
-        """
-        for some in self._so_many(error.shapes(self.record.flight.time)):
-            both = (
-                perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
-                for share in (0.5 * RESPONSE_STEP, -0.5 * RESPONSE_STEP)
-            )
-            yield from self._slopes(self._moments, *both)
-
-    def _with_input_error(self, error: InputError, change: FloatArray) -> Flight:
-        """The flight whose input reads so much (n,) more, the pressure of its own size."""
+    def _with_input_error(self, name: str, changes: Sequence[FloatArray], share: float) -> list[MovedRecord]:
+        """The records whose input, as smoothed, has a share of each change (n,) too much, the pressure of its size."""
         flight = self.record.flight
-        if error.name == ROLL_RATE:
-            return replace(flight, p=flight.p + change)
-        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
+        if name == ROLL_RATE:
+            read = [replace(flight, p=flight.p + share * each) for each in changes]
+        else:
+            read = [replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + share * x)) for x in changes]
+        return self._propagated(perturbed(self.record, read))
 
-    def start_and_gravity(self) -> Iterator[tuple[str, Histories, float]]:
-        """Name, derivative by what the reconstruction estimates, and present value in units of its prior.
+    def start_and_gravity(self) -> Iterator[MotionUnknown]:
+        """Direction of the velocity at the start (two, no prior) and gravity (three, prior its size)."""
+        start, size = self.reconstruction.start, gravity_size(self.record.flight)
+        across = [RESPONSE_TURN * axis[0] for axis in transverse_axes(start.direction[np.newaxis])]
+        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in np.eye(3))]
 
-        Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
-        """
-        start = self.reconstruction.start
-        second, third = transverse_axes(start.direction[np.newaxis])
-        size = gravity_size(self.record.flight)
-        turned = [RESPONSE_TURN * axis[0] for axis in (second, third)]
-        pulled = [RESPONSE_PULL * axis for axis in np.eye(3)]
-        both = (
-            [
-                *(replace(start, direction=start.direction + sign * turn) for turn in turned),
-                *(replace(start, gravity=start.gravity + sign * pull) for pull in pulled),
-            ]
-            for sign in (1.0, -1.0)
-        )
-        per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
-        moved = (self._propagated([(self.record, start) for start in starts]) for starts in both)
-        changes = self._changes(self._moments, *moved)
-        present = [np.nan, np.nan, *(start.gravity / size).tolist()]
-        for name, change, unit, value in zip((*START, *GRAVITY), changes, per_unit, present, strict=True):
-            yield name, change.times(unit), value
+        def moved(some: Sequence[tuple[str, FloatArray]], share: float) -> list[MovedRecord]:
+            starts = [replace(start, **{name: getattr(start, name) + share * each}) for name, each in some]
+            return [each for other in starts for each in self._propagated([self.record], other)]
 
-    def random_walk(self) -> Iterator[tuple[str, Histories, float, ComplexArray]]:
-        """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
+        present, per_unit = [np.nan, np.nan, *(start.gravity / size).tolist()], [1.0 / RESPONSE_TURN] * 2 + [size] * 3
+        found = self._derivatives(self._moments, changes, moved)
+        for name, change, unit, value in zip((*START, *GRAVITY), found, per_unit, present, strict=True):
+            yield MOTION, name, change.times(unit), value, None
 
-        Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
-        is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
+    def random_walk(self) -> Iterator[MotionUnknown]:
+        """What the gyros' white noise makes of the attitude: sines of a random walk across the velocity, of prior 1.
+
+        The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
         """
         turn = wind_to_body(self.record, wind_direction(self.record, self.reconstruction.start))
-        count = walk_modes(self.record, self.reconstruction)
-        walk, noise = walk_sines(self.record, count), walk_noise(self.record, count)
+        walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
         weights = PropagatedMotion.of(self.record, self.reconstruction).weights(walk)
         derolled = turn * np.exp(1j * self.record.spin_angle)
-        modes = [
-            (walk_name(axis, number), number, part, float(value))
-            for number, weight in enumerate(weights)
-            for axis, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
-        ]
-        for some in self._so_many(modes):
-            half = [0.5 * RESPONSE_STEP * part * turn * walk[:, number] for _, number, part, _ in some]
-            both = ([(self.record, self.crossflow + sign * each) for each in half] for sign in (1.0, -1.0))
-            for (name, number, part, present), change in zip(some, self._changes(self._moments, *both), strict=True):
-                yield name, change.times(1.0 / RESPONSE_STEP), present, 1j * part * derolled * noise[:, number]
+        modes = [(axis, part, k) for k in range(weights.size) for axis, part in (("y", 1.0), ("z", 1j))]
 
-    def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Histories]:
-        """Derivatives from records by half a step to either side."""
-        moved = (self._propagated((record, self.reconstruction.start) for record in records) for records in both)
-        changes = self._changes(moments, *moved)
-        return (change.times(1.0 / RESPONSE_STEP) for change in changes)
+        def moved(some: Sequence[tuple[str, complex, int]], share: float) -> list[MovedRecord]:
+            return [(self.record, self.crossflow + share * part * turn * walk[:, k]) for _, part, k in some]
 
-    def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
-        """Each record with its crossflow (n,) had the motion started there."""
-        return [
-            (record, self.crossflow + (body_crossflow(record, wind_direction(record, start)) - self._open_loop))
-            for record, start in moved
-        ]
+        found = self._derivatives(self._moments, modes, moved)
+        for (axis, part, k), change in zip(modes, found, strict=True):
+            present = float((weights[k] / part).real)
+            yield MOTION, walk_name(axis, k), change, present, 1j * part * derolled * noise[:, k]
+
+    def _propagated(self, records: Iterable[InertialRecord], start: WindStart | None = None) -> list[MovedRecord]:
+        """Each record with its crossflow (n,) had the motion started there, or as the reconstruction has it."""
+        start = start or self.reconstruction.start
+        flows = ((each, body_crossflow(each, wind_direction(each, start))) for each in records)
+        return [(record, self.crossflow + (flow - self._open_loop)) for record, flow in flows]
 
     @cached_property
     def _open_loop(self) -> ComplexArray:
         return body_crossflow(self.record, wind_direction(self.record, self.reconstruction.start))
 
-    def _changes(
-        self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]
-    ) -> list[Histories]:
-        """What the residuals of some records have more than those of others; their moments are integrated at once."""
+    def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Histories:
+        """What the residuals (n, records) of some records have more than those of others."""
         nodes = self.reconstruction.nodes
         (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
         changes = moments.changes(more, less, nodes.of(kept - other_kept))
         integrands = nodes.of(0.5 * (factors + other_factors)) * changes
         integrands += nodes.of(factors - other_factors) * moments.usual(nodes.of(0.5 * (kept + other_kept)))
-        return self._integrated([one - other for one, other in zip(own, others, strict=True)], integrands)
+        return self._integrated(own - others, integrands)
 
-    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[list[Histories], ComplexArray, FloatArray]:
-        """The residual of records at a crossflow but for the moments, the factors (n, records) of these, and how much
-        they keep (see `MomentModel.usual`).
+    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[Histories, ComplexArray, FloatArray]:
+        """The residual (n, records) of records at a crossflow but for the moments, the factors of these, and how much
+        they keep: pressure and inertia of the linearisation point over the record's (see `MomentModel.usual`).
         """
-        angles = {id(record.spin_angle): record.spin_angle for record, _ in moved}
+        records = [record for record, _ in moved]
+        angles = {id(record.spin_angle): record.spin_angle for record in records}  # most are the same
         turns = {key: np.exp(1j * angle) for key, angle in angles.items()}
-        derotations = [turns[id(record.spin_angle)] for record, _ in moved]
-        scales = [record.moment_scale for record, _ in moved]
-        factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
-        own = [
-            Histories(
-                (record.flight.q + 1j * record.flight.r) * turn,
-                record.transverse_force - self.force.at(record, xi, self.force_values),
-            )
-            for (record, xi), turn in zip(moved, derotations, strict=True)
-        ]
-        return own, factors, np.stack([self._kept(scale) for scale in scales], axis=1)
+        turn: ComplexArray = np.stack([turns[id(record.spin_angle)] for record in records], axis=1)
+        rates = np.stack([each.flight.q + 1j * each.flight.r for each in records], axis=1)
+        scale = np.stack([each.moment_scale for each in records], axis=1)
+        residual = [each.transverse_force - self.force.at(each, xi, self.force_values) for each, xi in moved]
+        usual = self.record.moment_scale[:, np.newaxis]
+        kept = np.divide(usual, scale, out=np.ones_like(scale), where=scale != 0.0)
+        return Histories(rates * turn, np.stack(residual, axis=1)), turn * scale, kept
 
-    def _integrated(self, own: Sequence[Histories], integrands: ComplexArray) -> list[Histories]:
-        """The residual with its moments."""
-        nodes, rates = self.reconstruction.nodes, [each.rates.copy() for each in own]
+    def _integrated(self, own: Histories, integrands: ComplexArray) -> Histories:
+        """The residual (n, records) with its moments, which are integrated at once."""
+        nodes, rates = self.reconstruction.nodes, own.rates.copy()
         for a, b in self.record.flight.segments:
             part = nodes.rows(a, b)
-            integral = running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
-            for k, each in enumerate(rates):
-                each[a:b] -= integral[:, k]
-        return [Histories(each, rows.force) for each, rows in zip(rates, own, strict=True)]
-
-    def _kept(self, scale: FloatArray) -> FloatArray:
-        """Pressure and inertia of the linearisation point over those of a record with this moment scale (n,)."""
-        return np.divide(self.record.moment_scale, scale, out=np.ones_like(scale), where=scale != 0.0)
+            rates[a:b] -= running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
+        return Histories(rates, own.force)
 
     @cached_property
     def _moments(self) -> MomentModel:
@@ -267,5 +245,5 @@ class LinearisedFlight:
     @cached_property
     def _quiet_moments(self) -> MomentModel:
         """The moment model about the noise-free record's."""
-        (quiet,) = self._propagated([(self._noise_free, self.reconstruction.start)])
+        (quiet,) = self._propagated([self._noise_free])
         return self._moments.about(quiet, (self.record, self.crossflow))

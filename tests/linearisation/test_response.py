@@ -45,7 +45,7 @@ def test_the_last_digit_of_the_record_moves_the_columns_of_the_walk_by_no_more_t
     here = flight()
     (other,) = perturbed(here.record, [flight_last_digit_off(here.record.flight, 1)])
     pairs = zip(here.random_walk(), replace(here, record=other).random_walk(), strict=True)
-    apart = [_size(after - before) / _size(before) for (_, before, *_), (_, after, *_) in pairs]
+    apart = [_size(after - before) / _size(before) for (_, _, before, *_), (_, _, after, *_) in pairs]
     assert 0.0 < max(apart) < 1e-7
 
 
