@@ -20,6 +20,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
+from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
@@ -176,12 +177,18 @@ def nuisances(
     has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
     before. What has no influence on a flight is left out.
     """
-    before = corrections or tuple({} for _ in flights)
+    before, frame = corrections or tuple({} for _ in flights), frame.with_mechanisms(vehicle)
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        flight, samples, grid = linearised.record.flight, frame.samples(number), _grid(frame, number, linearised)
-        known = linearised.known
+        flight, samples, span, known = (
+            linearised.record.flight,
+            frame.samples(number),
+            frame.span(number),
+            linearised.known,
+        )
+        pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
+        grid = decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
         if MOTION not in known:
             known[MOTION] = [
                 (
@@ -212,7 +219,7 @@ def nuisances(
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(frame.span(number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
+        empty = FlightHistories(span, grid, walks[:0], Histories(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
     whole = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
@@ -264,13 +271,6 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
     return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
 
 
-def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> DecimatedGrid:
-    """The rows of one flight that are kept."""
-    span = frame.span(number)
-    pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
-    return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
-
-
 def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
@@ -286,23 +286,14 @@ def _tolerated(
 
     `shared`: all flights have it, and the tolerance is that of the flight in whose time histories are.
     """
-    flight = frame.reference if shared else number
-    sizes = mechanism.tolerance(frame.reconstructions[flight].flight)
-    if sizes is None:
-        return []
-    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[flight], {})]
-    terms, motion = mechanism.terms(frame.finer[number], {}), frame.finer[number]
-    body = np.stack([motion.to_body(term.in_plane, term.out_of_plane) for term in terms], axis=1)
-    own = [segment for segment in frame.segments if segment.flight == number]
-    parts = [
-        s.integrate(s.nodes.factor[:, np.newaxis] * body[s.nodes.rows]).plain.at_nodes[s.nodes.samples] for s in own
-    ]
-    rates = np.concatenate([np.zeros((0, len(names)), dtype=complex), *parts])
-    rates, of_flight = rates * np.asarray(sizes), None if shared else number
+    sizes = mechanism.tolerance(frame.reconstructions[frame.reference if shared else number].flight)
+    terms = () if sizes is None else mechanism.terms(frame.motions[number], {})
+    columns = [term_column(mechanism, term, (), TimeBasis("constant"), number) for term in terms]
+    flight, rates = None if shared else number, frame.columns(columns)[frame.span(number)]
     return [
         (
-            Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared),
-            Histories(own, np.zeros_like(own)),
+            Nuisance(mechanism.name, column.term, flight, column.units, size, 0.0, stated=not shared),
+            Histories(size * own, np.zeros_like(own)),
         )
-        for (name, units), size, own in zip(names, sizes, rates.T, strict=True)
+        for column, size, own in zip(columns, sizes or (), rates.T, strict=True)
     ]
