@@ -187,11 +187,6 @@ def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part]:
     return part(frame, valid, ~held, shared=True), part(frame, valid, held, shared=False)
 
 
-def most_blocks(frame: RateFrame) -> int:
-    """Blocks of which each flight has enough samples to hold one out."""
-    return int(np.bincount(frame.flight_of_row).min()) // (HELD_OUT_SHORTEST + 1)
-
-
 def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
     """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out.
 

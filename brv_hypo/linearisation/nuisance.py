@@ -20,7 +20,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
@@ -181,12 +181,8 @@ def nuisances(
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        flight, samples, span, known = (
-            linearised.record.flight,
-            frame.samples(number),
-            frame.span(number),
-            linearised.known,
-        )
+        flight, known = linearised.record.flight, linearised.known
+        samples, span = frame.samples(number), frame.span(number)
         pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
         grid = decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
         if MOTION not in known:
@@ -288,7 +284,7 @@ def _tolerated(
     """
     sizes = mechanism.tolerance(frame.reconstructions[frame.reference if shared else number].flight)
     terms = () if sizes is None else mechanism.terms(frame.motions[number], {})
-    columns = [term_column(mechanism, term, (), TimeBasis("constant"), number) for term in terms]
+    columns = [term_column(mechanism, term, flight=number) for term in terms]
     flight, rates = None if shared else number, frame.columns(columns)[frame.span(number)]
     return [
         (

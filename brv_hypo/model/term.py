@@ -50,6 +50,9 @@ class TimeBasis:
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
 
 
+ALWAYS = TimeBasis("constant")
+
+
 # ---- Regressors: which coefficient, of which mechanism, with which basis in time ----
 
 
@@ -146,7 +149,7 @@ def candidates(
 
 
 def term_column(
-    mechanism: Mechanism, term: Term, theta: Theta, time_basis: TimeBasis, flight: int | None = None
+    mechanism: Mechanism, term: Term, theta: Theta = (), time_basis: TimeBasis = ALWAYS, flight: int | None = None
 ) -> Regressor:
     """The regressor of one of a mechanism's terms at a theta, with a basis in time."""
     return Regressor(

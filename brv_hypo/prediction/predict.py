@@ -42,7 +42,7 @@ from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
@@ -349,7 +349,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
                     f"Leave {name} out, or predict with such a model."
                 )
             motion = correct(source, model).reconstructions[0].motion
-            more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
+            more = tuple(term_column(item, term) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
         elif item is not None:
             effects.append(name)

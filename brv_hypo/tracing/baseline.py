@@ -16,7 +16,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.model import Model, constant_moment
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.fit import Corrected, Flights, correct
 from brv_hypo.tracing.result import Baseline
@@ -57,7 +57,7 @@ def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline:
     if table:  # in place of a slope of its own
         (term,) = table[0].terms(motion, {})
         columns = tuple(column for column in columns if not column.term.startswith("C_malpha"))
-        columns = (*columns, term_column(table[0], term, (), TimeBasis("constant")))
+        columns = (*columns, term_column(table[0], term))
     model = model.but(columns=columns)
     slope, bends = _slope(model, data), any(is_bend(mechanism, motion) for mechanism in model.mechanisms.values())
     if slope is not None and not bends and (aero is None or len(aero.alpha) < 2):

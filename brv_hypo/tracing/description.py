@@ -35,7 +35,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
     YamlTerm,
     values_of,
 )
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import ALWAYS, Regressor
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.families import Beside
 
@@ -280,5 +280,4 @@ def _moved(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
 
 def _columns(mechanism: YamlMechanism) -> list[Regressor]:
     """Columns of an entry's terms throughout."""
-    always = TimeBasis("constant")
-    return [Regressor(mechanism.name, t.name, (), always, t.units, grouped=True) for t in mechanism.definition]
+    return [Regressor(mechanism.name, t.name, (), ALWAYS, t.units, grouped=True) for t in mechanism.definition]

@@ -33,7 +33,7 @@ from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
-from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
+from brv_hypo.model.term import Regressor, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, NORMAL_95, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
@@ -230,8 +230,8 @@ def beside_processes(
         families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
         effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
-        always, frame = TimeBasis("constant"), rows.frame.with_mechanisms([schedule])
-        x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
+        scheduled = [term_column(schedule, term) for term in schedule.terms(motions[0], {})]
+        x = rows.of_moments(rows.frame.with_mechanisms([schedule]), scheduled)
         spread = np.array(schedule.tolerance(data.flights[0]))
         terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
     shift = np.zeros(rows.y.size)

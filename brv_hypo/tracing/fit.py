@@ -104,9 +104,7 @@ class Corrected:
 
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
-        valid = np.zeros(self.frame.observed.size, dtype=bool)
-        valid[self.whole.rows] = self.whole.valid
-        return part(self.frame, valid, chosen, shared=True)
+        return part(self.frame, self.whole.valid, chosen, shared=True)
 
     def with_in_plane_moment(self, columns: tuple[Regressor, ...]) -> Corrected:
         """With C_mw of Eq. 5.1 where columns depend on its past."""
@@ -137,12 +135,11 @@ class Corrected:
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
-        frame, config, flights = self.frame, self.source.config, len(linear)
-        free = [
-            {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
-            for number in range(flights)
-        ]
-        effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
+        frame, config, effects = self.frame, self.source.config, (*nuisance_effects(), *processes)
+        free: list[dict[tuple[str, str], RecordEffect]] = [{} for _ in linear]
+        for each in model.applied:
+            free[each.flight][each.effect.name, each.component] = each.effect
+        vehicle = model.tolerated(self.flights[0])
         unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
         return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
@@ -151,7 +148,7 @@ class Corrected:
             rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
-            max_terms=config.max_terms * flights,
+            max_terms=config.max_terms * len(linear),
             exact_terms=config.max_terms,
             given=dict(given or {}),
         )
@@ -330,6 +327,12 @@ class Fit:
         time, samples = motion.time[samples], samples[usable]
         plane = plane_from_body(body, motion.windward_meridian[samples])
         channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+        ends = time[0], time[-1]
+        means, edges, _ = stats.binned_statistic(
+            motion.time[samples], np.abs(body) ** 2, "mean", REPORTED_REGIONS, ends
+        )
+        worst, rest = int(np.nanargmax(means)), (body - body.mean()) * np.hanning(body.size)
+        frequencies = np.fft.fftfreq(body.size, float(np.median(np.diff(time))))  # negative: from z to y
         p_value = _whiteness(self)
         return Residual(
             flight=number if len(ratios) > 1 else None,
@@ -338,8 +341,8 @@ class Fit:
             p_value=p_value,
             noise_ratio=ratios[number],
             worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-            worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
-            dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
+            worst_region_s=(float(edges[worst]), float(edges[worst + 1])),
+            dominant_frequency_hz=float(frequencies[np.argmax(np.abs(np.fft.fft(rest)))]),
         )
 
     def on_whole_record(self) -> Fit:
@@ -453,9 +456,6 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
     return {**before, **within}
 
 
-# ---- The residual: whiteness, size, where it is largest, its frequency ----
-
-
 def _whiteness(fit: Fit) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = fit.data.fitted
@@ -471,20 +471,6 @@ def _whiteness(fit: Fit) -> float:
     # The noise level is itself estimated, to about one part in the root of the samples.
     spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
     return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
-
-
-def _worst_region(time: FloatArray, usable: FloatArray, squares: FloatArray) -> tuple[float, float]:
-    """The one of equal parts of the record's time in which squares (n,) at usable times (n,) have the largest mean."""
-    means, edges, _ = stats.binned_statistic(usable, squares, bins=REPORTED_REGIONS, range=(time[0], time[-1]))
-    worst = int(np.nanargmax(means))
-    return float(edges[worst]), float(edges[worst + 1])
-
-
-def _dominant(body: ComplexArray, step: float) -> float:
-    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
-    values = body - body.mean()
-    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
-    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

@@ -27,7 +27,7 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
@@ -142,7 +142,7 @@ def _start(source: Flights) -> Fit:
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
     motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
     declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
-        term_column(mechanism, term, (), TimeBasis("constant"), flight)
+        term_column(mechanism, term, flight=flight)
         for mechanism in known
         if mechanism not in chosen
         for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
