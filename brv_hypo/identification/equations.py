@@ -48,7 +48,7 @@ from brv_hypo.identification.parameters import (
     placed,
 )
 from brv_hypo.likelihood import Delayed
-from brv_hypo.linearisation.propagated_motion import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.common_time import OwnTime

@@ -15,9 +15,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.bordered import Bordered
 from brv_hypo.inference.problem import Problem, WhitenedRows
 from brv_hypo.inference.unmodelled import free_moment
-from brv_hypo.linearisation.channels import Lasting, Noise
+from brv_hypo.linearisation.channels import Lasting, Noise, fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.linearisation.whitening import fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.motion.interpolation import turning
 
 # Held by `tests.studies.independent.study --coloured` (half of its flights in noise that lasts) and

@@ -17,8 +17,7 @@ from scipy.special import ndtri
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.propagated_motion import MOTION
-from brv_hypo.linearisation.response import LinearisedFlight
+from brv_hypo.linearisation.response import MOTION, LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
 from brv_hypo.model.term import term_column
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid

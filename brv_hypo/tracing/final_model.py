@@ -30,8 +30,8 @@ from brv_hypo.inference.derivatives import (
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.io.text import number, times
+from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
-from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
 from brv_hypo.motion.motion import Motion

@@ -27,8 +27,7 @@ from brv_hypo.linearisation.channels import Histories, Noise, Part, first_values
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances, on_frame
-from brv_hypo.linearisation.propagated_motion import linearisation_point
-from brv_hypo.linearisation.response import LinearisedFlight
+from brv_hypo.linearisation.response import LinearisedFlight, linearisation_point
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, without
 from brv_hypo.model.model import TOLERATED, Applied, Model
@@ -327,10 +326,8 @@ class Fit:
         time, samples = motion.time[samples], samples[usable]
         plane = plane_from_body(body, motion.windward_meridian[samples])
         channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-        ends = time[0], time[-1]
-        means, edges, _ = stats.binned_statistic(
-            motion.time[samples], np.abs(body) ** 2, "mean", REPORTED_REGIONS, ends
-        )
+        squares, ends = np.abs(body) ** 2, (time[0], time[-1])
+        means, edges, _ = stats.binned_statistic(time[usable], squares, bins=REPORTED_REGIONS, range=ends)
         worst, rest = int(np.nanargmax(means)), (body - body.mean()) * np.hanning(body.size)
         frequencies = np.fft.fftfreq(body.size, float(np.median(np.diff(time))))  # negative: from z to y
         p_value = _whiteness(self)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.linearisation.propagated_motion import (
+from brv_hypo.linearisation.response import (
     GRAVITY,
     MOTION,
     START,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_sines
+from brv_hypo.linearisation.response import linearisation_point, walk_sines
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import body_crossflow, wind_direction, wind_to_body
 from brv_hypo.motion.responses import perturbed

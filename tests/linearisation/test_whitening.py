@@ -5,8 +5,16 @@ import pytest
 from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray
-from brv_hypo.linearisation.channels import Noise, Part, Whitening
-from brv_hypo.linearisation.whitening import effective_samples, fit_noise, lasting_autocovariance, lasting_noise, white
+from brv_hypo.linearisation.channels import (
+    Noise,
+    Part,
+    Whitening,
+    effective_samples,
+    fit_noise,
+    lasting_autocovariance,
+    lasting_noise,
+    white,
+)
 from brv_hypo.motion.signals import ColouredNoise
 
 

@@ -18,10 +18,9 @@ from scipy.signal import lfilter
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.identify import Estimate, Identification, identify
-from brv_hypo.linearisation.channels import Noise, Whitening, whole
+from brv_hypo.linearisation.channels import Noise, Whitening, difference, fit_noise, whole
 from brv_hypo.linearisation.frame import RateFrame, build_frame
 from brv_hypo.linearisation.linear import solve_scaled
-from brv_hypo.linearisation.whitening import difference, fit_noise
 from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
