@@ -195,8 +195,7 @@ class RateFrame:
 
     def in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> tuple[FloatArray, ...]:
         """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
-        pairs, moments = zip(columns, values.tolist(), strict=True), []
-        fixed = [pair for pair in pairs if self.mechanisms[pair[0].mechanism].wind_fixed]
+        fixed, moments = [(c, values[j]) for j, c in enumerate(columns) if self.mechanisms[c.mechanism].wind_fixed], []
         for number, motion in enumerate(self.finer):
             here = [(column, value) for column, value in fixed if column.acts_on(number)]
             shapes = (term.in_plane for term in evaluated([column for column, _ in here], self.mechanisms, motion))
