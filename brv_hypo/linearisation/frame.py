@@ -36,12 +36,12 @@ _Key = tuple[str, Theta]
 
 @dataclass(frozen=True)
 class _Shapes:
-    """Unit moments of one mechanism at one or several thetas, C_N' + i C_Z' (nodes, terms) a flight, and their
+    """Unit moments of one mechanism at one or several thetas, C_m + i C_n (nodes, terms) a flight, and their
     antiderivatives, one a segment. `position` is where the term of a theta stands.
     """
 
     position: Mapping[tuple[Theta, str], int]
-    plane: tuple[ComplexArray, ...]
+    moments: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
 
@@ -73,17 +73,6 @@ class RateFrame:
     def _shown(self) -> tuple[Motion, ...]:
         """The motions as mechanisms are shown them."""
         return tuple(read_only(motion) for motion in self.finer)
-
-    @cached_property
-    def _turns(self) -> tuple[ComplexArray, ...]:
-        """What turns moments in the plane of alpha into body axes (n, 1), of each flight."""
-        one, nothing = np.ones(1), np.zeros(1)
-        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.finer)
-
-    @cached_property
-    def _factors(self) -> tuple[ComplexArray, ...]:
-        """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
-        return tuple(s.nodes.factor[:, np.newaxis] * self._turns[s.flight][s.nodes.rows] for s in self.segments)
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -146,7 +135,7 @@ class RateFrame:
         out = np.zeros((self.observed.size, len(columns)), dtype=complex)
         for k, (a, b), shapes, members, which in self._acting(columns):
             segment, nodes = self.segments[k], self.segments[k].nodes
-            body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
+            body = shapes.moments[segment.flight][nodes.rows][nodes.samples]
             for j, term in zip(members, which, strict=True):
                 out[a:b, j] = body[:, term] * columns[j].time_basis(segment.coefficient_time)
         return out
@@ -154,16 +143,9 @@ class RateFrame:
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
         """The same frame, knowing these mechanisms too."""
         known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
-        out = replace(self, mechanisms=known)
-        out._share(self, [name for name, own in self.mechanisms.items() if known[name] is own])
+        out, same = replace(self, mechanisms=known), {name for name, it in self.mechanisms.items() if known[name] is it}
+        out._evaluated.update({key: found for key, found in self._evaluated.items() if key[0] in same})
         return out
-
-    def _share(self, other: RateFrame, mechanisms: Sequence[str]) -> None:
-        """Take over what another frame found already for motions that are the same to these mechanisms."""
-        for name in ("_turns", "_factors", "observed", "pieces"):
-            if name in vars(other):
-                vars(self)[name] = vars(other)[name]
-        self._evaluated.update({key: found for key, found in other._evaluated.items() if key[0] in mechanisms})
 
     def of_flight(self, flight: int) -> RateFrame:
         """The frame of one flight alone."""
@@ -190,7 +172,7 @@ class RateFrame:
             moments = tuple(own + known for own, known in zip(moments, self.design, strict=True))
         pairs = zip(self.finer, moments, strict=True)
         out = replace(self, finer=tuple(recorded(replace(one, in_plane_moment=moment)) for one, moment in pairs))
-        out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
+        out._evaluated.update({key: it for key, it in self._evaluated.items() if self.mechanisms[key[0]].wind_fixed})
         return out
 
     def in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> tuple[FloatArray, ...]:
@@ -233,7 +215,7 @@ class RateFrame:
             self._evaluated.update({(name, theta): shapes for theta in thetas})
 
     def _evaluate(self, name: str, thetas: Sequence[Theta]) -> _Shapes:
-        plane: list[ComplexArray] = []
+        moments: list[ComplexArray] = []
         position: dict[tuple[Theta, str], int] = {}
         for motion in self._shown:
             terms = {
@@ -245,12 +227,11 @@ class RateFrame:
             found = np.empty((motion.time.size, len(terms)), dtype=complex)
             for k, term in enumerate(terms.values()):
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
-            plane.append(found)
-        integrals = tuple(
-            s.integrate(factor * plane[s.flight][s.nodes.rows])
-            for s, factor in zip(self.segments, self._factors, strict=True)
+            moments.append(body_from_plane(found.real, found.imag, motion.windward_meridian[:, np.newaxis]))
+        integrals = (
+            s.integrate(s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments
         )
-        return _Shapes(position, tuple(plane), integrals)
+        return _Shapes(position, tuple(moments), tuple(integrals))
 
 
 def build_frame(
