@@ -49,15 +49,14 @@ class _Shapes:
 class RateFrame:
     """Reconstructed flights as one linear problem; rows run over the samples of all segments.
 
-    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `motions`
-    are at the samples, `finer` with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
+    `finer` are the motions with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
     time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
     one (k,) a flight at its nodes, is what the design of the vehicle adds to C_mw beside the columns; empty where that
     is nothing.
     """
 
     reconstructions: tuple[Reconstruction, ...]
-    motions: tuple[Motion, ...]
     finer: tuple[Motion, ...]
     segments: tuple[WeakSegment, ...]
     mechanisms: Mapping[str, Mechanism]
@@ -68,6 +67,11 @@ class RateFrame:
     def _evaluated(self) -> dict[_Key, _Shapes]:
         """Shapes that are known."""
         return {}
+
+    @cached_property
+    def motions(self) -> tuple[Motion, ...]:
+        """Each flight's at its samples."""
+        return tuple(each.motion for each in self.reconstructions)
 
     @cached_property
     def _shown(self) -> tuple[Motion, ...]:
@@ -150,7 +154,7 @@ class RateFrame:
     def of_flight(self, flight: int) -> RateFrame:
         """The frame of one flight alone."""
         segments = tuple(replace(segment, flight=0) for segment in self.segments if segment.flight == flight)
-        alone = (self.reconstructions[flight],), (self.motions[flight],), (self.finer[flight],)
+        alone = (self.reconstructions[flight],), (self.finer[flight],)
         return RateFrame(*alone, segments, self.mechanisms, None, self.design[flight : flight + 1])
 
     def same_motions(self, other: RateFrame) -> bool:
@@ -228,10 +232,8 @@ class RateFrame:
             for k, term in enumerate(terms.values()):
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
             moments.append(body_from_plane(found.real, found.imag, motion.windward_meridian[:, np.newaxis]))
-        integrals = (
-            s.integrate(s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments
-        )
-        return _Shapes(position, tuple(moments), tuple(integrals))
+        pairs = [(s, s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments]
+        return _Shapes(position, tuple(moments), tuple(s.integrate(weighted) for s, weighted in pairs))
 
 
 def build_frame(
@@ -254,7 +256,6 @@ def build_frame(
     ]
     return RateFrame(
         tuple(reconstructions),
-        tuple(rec.motion for rec in reconstructions),
         tuple(rec.motion_at_nodes for rec in reconstructions),
         tuple(segments),
         {mechanism.name: mechanism for mechanism in mechanisms},
