@@ -152,20 +152,17 @@ def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
     total = sum(part.size for part in residuals)
     wanted = np.clip(total / NOISE_STRETCHES, NOISE_SHORTEST_STRETCH, NOISE_LONGEST_STRETCH)
     length = min(int(2 ** np.round(np.log2(wanted))), max(part.size for part in residuals))
-    power = np.concatenate([_spectra(part, length) for part in residuals if part.size >= length])
+    window, spectra = np.hanning(length + 2)[1:-1], []
+    window /= np.sqrt(np.sum(window**2))
+    for part in (each for each in residuals if each.size >= length):  # stretches that overlap by half
+        stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: max(length // 2, 1)]
+        spectra.append(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2)
+    power = np.concatenate(spectra)
     power = np.concatenate([power, np.roll(power[:, ::-1], 1, axis=1)])
     count = power.shape[0]
     odd = 2.0 * np.arange(1, (count - 1) // 2 + 1)
     bias = 1.0 + float(np.sum(1.0 / (odd + 1.0) - 1.0 / odd))
     return np.asarray(np.median(power, axis=0) / bias, dtype=float)
-
-
-def _spectra(part: ComplexArray, length: int) -> FloatArray:
-    """Periodograms (stretches, length) of half-overlapping stretches under a Hann window, of unit mean square."""
-    window = np.hanning(length + 2)[1:-1]
-    window = window / np.sqrt(np.sum(window**2))
-    stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: max(length // 2, 1)]
-    return np.asarray(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2, dtype=float)
 
 
 def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:

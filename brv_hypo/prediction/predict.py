@@ -119,20 +119,16 @@ def predict(
     content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, refitted, _in_blocks(record, chosen))
-    return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
-
-
-def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
-    """The settings with no more blocks than the record has samples for: nothing is chosen by them here."""
-    most = flight.samples // HELD_OUT_SHORTEST
+    most = record.samples // HELD_OUT_SHORTEST  # blocks, by which nothing is chosen here
     if most < PREDICTED_BLOCKS:
         raise UnanswerableError(
-            f"the record holds {flight.samples} samples in the window, expected at least "
+            f"the record holds {record.samples} samples in the window, expected at least "
             f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to know its motion and noise. Widen --start and --stop."
         )
-    return config.model_copy(update={"blocks": min(config.blocks, most)})
+    chosen = chosen.model_copy(update={"blocks": min(chosen.blocks, most)})
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = _predict(record, content, path, refitted, chosen)
+    return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
 
 
 def _predict(

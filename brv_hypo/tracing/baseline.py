@@ -71,6 +71,10 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
     if mach is None:
         return constant_moment(flights)
     decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
+    if decades is not None:  # a smooth function of Mach number is no quantity of its own
+        x, y = (np.concatenate([np.log10(getattr(each, name)) for each in flights]) for name in ("mach", "reynolds"))
+        if np.std(y - Polynomial.fit(x, y, TRACED_SMOOTH_DEGREE)(x)) <= TRACED_INDEPENDENT:
+            decades = None
     # Where Mach number hardly changes, the temperature of the air moves it as much as the speed, and a slope that goes
     # with the conditions of flight is no function of it alone.
     narrow = not SlopeSchedule(low=mach[0], high=mach[1], size=1.0).sizes.size
@@ -81,7 +85,7 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
         offset_degree=0,
         slope_degree=TRACED_SLOPE_DEGREE,
         by="mach",
-        reynolds=decades if decades is not None and _reynolds_is_independent(flights) else None,
+        reynolds=decades,
         speeds=wavering_speeds(histories, TRACED_SLOPE_DEGREE) if narrow else None,
     )
 
@@ -93,17 +97,6 @@ def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
         return None
     low, high = np.percentile(np.concatenate(known), TRACED_SPAN)
     return (float(low), float(high)) if high - low > TRACED_SMALLEST_SPAN * abs(high) else None
-
-
-def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
-    """Whether the decades of Reynolds number leave a smooth function of the decades of Mach number, all flights
-    together.
-    """
-    mach, reynolds = (
-        np.concatenate([np.log10(getattr(flight, name)) for flight in flights]) for name in ("mach", "reynolds")
-    )
-    left = reynolds - Polynomial.fit(mach, reynolds, TRACED_SMOOTH_DEGREE)(mach)
-    return float(np.std(left)) > TRACED_INDEPENDENT
 
 
 # ---- What its static moment may be more, within a prior ----

@@ -24,7 +24,6 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import turning_rates
 from brv_hypo.io.text import times
-from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
     Factor,
@@ -245,9 +244,9 @@ def _gains(problem: Problem, chosen: Sequence[Entry]) -> list[float]:
     groups = [_columns(mechanism) for mechanism in mechanisms]
     batch = reduced.batch([column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    for own in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
-        right = reduced.right(own)
-        found.append(float(right @ solve_normal(own.products(own), right, own.squares)))
+    for a, b in itertools.pairwise(ends):
+        fitted = reduced.fit(batch.of(slice(a, b)))
+        found.append(float(fitted.right @ fitted.values))
     return found
 
 

@@ -18,7 +18,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
@@ -262,7 +262,7 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
 
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
-    """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
+    """Its coefficient where it has one shape, else the length of its coefficients."""
     unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
     places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
     shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
@@ -298,13 +298,9 @@ def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> st
         changes = sorted({end for c, _ in chosen for end in (c.time_basis.start, c.time_basis.stop)})
         parts = np.searchsorted(changes, motion.coefficient_time, side="right")
         for k, process in enumerate(processes):
-            made = np.array(process.shapes(motion))
-            residuals[k] += sum(_unlike(moment[use], made[:, use]) for use in parts == np.unique(parts)[:, np.newaxis])
+            made = np.array([moment, *process.shapes(motion)]).T
+            for use in parts == np.unique(parts)[:, np.newaxis]:  # what real multiples of the shapes do not make
+                both = np.concatenate([made[use].real, made[use].imag])
+                rest = both[:, 0] - both[:, 1:] @ np.linalg.lstsq(both[:, 1:], both[:, 0], rcond=None)[0]
+                residuals[k] += rest @ rest
     return processes[int(np.argmin(residuals))].family
-
-
-def _unlike(moment: ComplexArray, shapes: ComplexArray) -> float:
-    """Sum of squares of a moment (n,) that constant multiples of shapes (shapes, n) do not make."""
-    y, x = np.concatenate([moment.real, moment.imag]), np.concatenate([shapes.real, shapes.imag], axis=1).T
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-    return float(rest @ rest)

@@ -64,6 +64,9 @@ def gathered(
     definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping, weight)
+    # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
+    # the baseline's tolerances, of which they make none, come last.
+    of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
     findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
@@ -75,7 +78,7 @@ def gathered(
         account=account,
         model=ModelSummary(
             terms=(
-                *estimates(found.columns, found.values, _covariance_beside_processes(found, beside), data.frame),
+                *estimates(found.columns, found.values, found.covariance + of_processes, data.frame),
                 *_record_terms(whole),
             ),
             definition=definition,
@@ -207,13 +210,6 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-def _covariance_beside_processes(found: Coefficients, beside: Evidence) -> FloatArray:
-    """That of a model's coefficients, which are fitted without processes, with the errors that these make of them."""
-    covariance, _ = beside.errors_of_processes
-    count = covariance.shape[0]  # the columns of the baseline's tolerances come last
-    return np.asarray(found.covariance + np.pad(covariance, (0, found.values.size - count)))
-
-
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
@@ -234,6 +230,11 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     if not np.all(lasts):  # as it is on other flights
         known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
         left = replace(fit, known=known).left
+    # Small angles of attack, where its moment is nothing, it knows as well as those that it was found at.
+    motions = [each.motion for each in fit.data.reconstructions]
+    flown, mach = {"alpha": (0.0, max(float(each.alpha.max()) for each in motions))}, [each.mach for each in motions]
+    if np.all(np.isfinite(np.concatenate(mach))):
+        flown["mach"] = (float(np.concatenate(mach).min()), float(np.concatenate(mach).max()))
     saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
     return saved.model_copy(
         update={
@@ -241,21 +242,9 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
             "digests": tuple(map(digest, flights)),
-            "flown": _flown(fit.data),
+            "flown": flown,
         }
     )
-
-
-def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
-    """The ends of the Mach numbers and angles of attack (rad) that the flights ran through, where they are known.
-
-    The model knows small angles of attack, where its moment is nothing, as well as those that it was found at.
-    """
-    mach, alpha = (
-        np.concatenate([getattr(each.motion, name) for each in data.reconstructions]) for name in ("mach", "alpha")
-    )
-    found = {"alpha": (0.0, float(alpha.max()))}
-    return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
