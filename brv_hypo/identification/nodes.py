@@ -21,9 +21,8 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
 from brv_hypo.likelihood import Segment
-from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.frame import RateFrame, WeakSegment
 from brv_hypo.linearisation.moment_model import delays_requested
-from brv_hypo.linearisation.weakform import WeakSegment
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.inputs import SmoothInputs

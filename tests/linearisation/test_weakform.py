@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.linearisation.weakform import WeakSegment, weak_segments
+from brv_hypo.linearisation.frame import WeakSegment, weak_segments
 from brv_hypo.model.term import TimeBasis
 from tests.flights import flown, nominal
 
