@@ -222,6 +222,8 @@ _KEPT_VALUES = 300_000
 
 _Key = tuple[str, Theta]
 """A mechanism's name and its nonlinear parameters."""
+_Place = tuple[Theta, str]
+"""The name of a term at these."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +232,7 @@ class _Shapes:
     antiderivatives, one a segment. `position` is where the term of a theta stands.
     """
 
-    position: Mapping[tuple[Theta, str], int]
+    position: Mapping[_Place, int]
     moments: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
@@ -405,25 +407,17 @@ class RateFrame:
             if (name, theta) not in self._evaluated:
                 missing.setdefault(name, []).append(theta)
         for name, thetas in missing.items():
-            shapes = self._evaluate(name, thetas)
+            mechanism, moments, position = checked(self.mechanisms[name]), list[ComplexArray](), dict[_Place, int]()
+            for motion in self._shown:
+                terms = {(theta, t.name): t for theta in thetas for t in mechanism.terms(motion, dict(theta))}
+                position = {term: k for k, term in enumerate(terms)}
+                found = np.empty((motion.time.size, len(terms)), dtype=complex)
+                for k, term in enumerate(terms.values()):
+                    found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
+                moments.append(body_from_plane(found.real, found.imag, motion.windward_meridian[:, np.newaxis]))
+            pairs = [(s, s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments]
+            shapes = _Shapes(position, tuple(moments), tuple(s.integrate(weighted) for s, weighted in pairs))
             self._evaluated.update({(name, theta): shapes for theta in thetas})
-
-    def _evaluate(self, name: str, thetas: Sequence[Theta]) -> _Shapes:
-        moments: list[ComplexArray] = []
-        position: dict[tuple[Theta, str], int] = {}
-        for motion in self._shown:
-            terms = {
-                (theta, term.name): term
-                for theta in thetas
-                for term in checked(self.mechanisms[name]).terms(motion, dict(theta))
-            }
-            position = {term: k for k, term in enumerate(terms)}
-            found = np.empty((motion.time.size, len(terms)), dtype=complex)
-            for k, term in enumerate(terms.values()):
-                found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
-            moments.append(body_from_plane(found.real, found.imag, motion.windward_meridian[:, np.newaxis]))
-        pairs = [(s, s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments]
-        return _Shapes(position, tuple(moments), tuple(s.integrate(weighted) for s, weighted in pairs))
 
 
 def build_frame(
@@ -433,8 +427,14 @@ def build_frame(
 
     Raises UnanswerableError where a vehicle tumbles.
     """
-    for rec in reconstructions:
-        _require_small_angles(rec)
+    for motion, weight in ((rec.motion, rec.flight.dynamic_pressure**2) for rec in reconstructions):
+        beyond = motion.alpha > np.radians(limits.TUMBLING_ALPHA)
+        if np.sum(weight[beyond]) > limits.TUMBLING_SHARE * np.sum(weight):
+            raise UnanswerableError(
+                f"the angle of attack reaches {np.degrees(np.max(motion.alpha)):.0f} deg, and is beyond "
+                f"{limits.TUMBLING_ALPHA:.0f} deg from {motion.time[np.argmax(beyond)]:.4g} s on: the vehicle tumbles, "
+                "and no model here has its moments. Give a window before that (--stop), or after it (--start)."
+            )
     if common is not None:
         shared = [own.common_at(rec.motion.time) for own, rec in zip(common.flights, reconstructions, strict=True)]
         pairs = zip(reconstructions, shared, strict=True)
@@ -451,17 +451,6 @@ def build_frame(
         {mechanism.name: mechanism for mechanism in mechanisms},
         common,
     )
-
-
-def _require_small_angles(reconstruction: Reconstruction) -> None:
-    motion, weight = reconstruction.motion, reconstruction.flight.dynamic_pressure**2
-    beyond = motion.alpha > np.radians(limits.TUMBLING_ALPHA)
-    if np.sum(weight[beyond]) > limits.TUMBLING_SHARE * np.sum(weight):
-        raise UnanswerableError(
-            f"the angle of attack reaches {np.degrees(np.max(motion.alpha)):.0f} deg, and is beyond "
-            f"{limits.TUMBLING_ALPHA:.0f} deg from {motion.time[np.argmax(beyond)]:.4g} s on: the vehicle tumbles, and "
-            "no model here has its moments. Give a window before that (--stop), or after it (--start)."
-        )
 
 
 # ---- Residual rates as moment coefficients: what a model leaves, in the terms in which it is told ----

@@ -158,21 +158,16 @@ def linearisation_point(
         own, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))[0]
         # The faster part follows errors as they turn with the body, and those are unknowns of their own.
         motion = replace(own, walk=np.asarray(sines @ own.weights(sines)))
-    return record, _moved(record, smooth, motion)
-
-
-def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: PropagatedMotion) -> Reconstruction:
-    """The reconstruction with a motion that is propagated, and what the record reads about it."""
-    motion, before, after = reconstruction.motion, reconstruction.crossflow, propagated.crossflow(record)
-    rate = crossflow_rate(motion, before) + np.gradient(after - before, motion.time)
-    moved = with_crossflow(replace(motion, history=None), after, rate)
-    read = replace(
+    before, after = smooth.crossflow, motion.crossflow(record)
+    rate = crossflow_rate(read, before) + np.gradient(after - before, read.time)
+    moved = with_crossflow(replace(read, history=None), after, rate)
+    moved = replace(
         moved,
         windward_meridian=np.unwrap(windward_meridian(after)),  # not next to that before: near alpha = 0 it is another
         roll_acceleration=SplineGrid.on(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
         axial_share=axial_share(record, moved.alpha),
     )
-    return replace(reconstruction, motion=recorded(read))
+    return record, replace(smooth, motion=recorded(moved))
 
 
 # ---- What a change of the record does to the residual ----

@@ -67,6 +67,10 @@ def gathered(
     # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
     # the baseline's tolerances, of which they make none, come last.
     of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
+    number = final.flight or 0  # the one of several that is drawn
+    rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
+    kept = (before.usable & fit.left.usable)[rows]
+    samples, rows = data.frame.samples(number)[kept], rows[kept]
     findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
@@ -95,7 +99,14 @@ def gathered(
         noise=fit.left.mean_square_of_noise(data.held_out.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
-        picture=_picture(before, fit, final.flight or 0, beside),
+        picture=Picture(
+            measured=pair(data.moments(data.frame.observed).body[rows]),
+            before=pair(before.body[rows]),
+            after=pair(fit.left.body[rows]),
+            sigma=tuple(fit.left.noise[rows].tolist()),
+            whitened=whitened(beside, number),
+            **motion_histories(data.reconstructions[number], samples),
+        ),
     )
 
 
@@ -107,22 +118,6 @@ def _described(model: Model, found: Coefficients, discovery: MechanismFile | Non
         if isinstance(piece := model.mechanisms[name], YamlMechanism):
             pieces.append((piece, [found.columns[k] for k in own], found.values[own]))
     return file_of(pieces) if pieces else discovery
-
-
-def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
-    """Of several flights, that of the one with this number."""
-    after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    rows = np.arange(after.usable.size)[data.frame.span(number)]
-    kept = (before.usable & after.usable)[rows]
-    samples, rows = data.frame.samples(number)[kept], rows[kept]
-    return Picture(
-        measured=pair(measured.body[rows]),
-        before=pair(before.body[rows]),
-        after=pair(after.body[rows]),
-        sigma=tuple(after.noise[rows].tolist()),
-        whitened=whitened(own, number),
-        **motion_histories(data.reconstructions[number], samples),
-    )
 
 
 def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -350,7 +350,8 @@ class Fit:
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
         fitted = replace(self, problem=problem.on(self.data.fitted))
-        return replace(self, problem=with_efficiency(fitted.problem, fitted.null).on(self.data.whole))
+        efficiency = fitted.problem.efficiency_of(fitted.null.residual)
+        return replace(self, problem=replace(problem, efficiency=efficiency).on(self.data.whole))
 
     def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
         """The same with knots and delays where its regression has them."""
@@ -398,7 +399,11 @@ def converged_from(fit: Fit) -> Fit:
     """
     fit, worse = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
     if worse:  # the record has none of the errors; what was found of the vehicle's moments acts
-        fit = _with_its_vehicle(fit)
+        acting = []
+        for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
+            names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
+            acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
+        fit = fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
     return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)[0]
 
 
@@ -426,15 +431,6 @@ def _without_its_errors(fit: Fit) -> Fit:
     more = ((a, fit.record_errors[a.flight].get((a.effect.name, a.component), 0.0)) for a in fit.model.applied)
     model = fit.model.but(applied=tuple(a.model_copy(update={"value": a.value + value}) for a, value in more))
     return fitted_about(correct(fit.data.source, model, _found(fit)), model).at_best_knots()
-
-
-def _with_its_vehicle(fit: Fit) -> Fit:
-    """The model about its coefficients and the errors of the vehicle that a fit finds."""
-    acting = []
-    for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
-        names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
-        acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
-    return fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -474,8 +470,3 @@ def has_tolerance(problem: Problem, effect: str) -> bool:
     """Whether every fit has the effect already, within its tolerance."""
     items = problem.rows.nuisances.items
     return any(items[k].name == effect for k in problem.rows.nuisances.bounded)
-
-
-def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
-    """The problem with the effective share of samples that a fit's residual shows."""
-    return replace(problem, efficiency=problem.efficiency_of(fit.residual))
