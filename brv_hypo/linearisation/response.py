@@ -108,10 +108,6 @@ class PropagatedMotion:
         offset = reconstruction.crossflow - body_crossflow(record, direction)
         return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, direction))))
 
-    def weights(self, sines: FloatArray) -> ComplexArray:
-        """Weights (modes,) of sines (n, modes) of the walk."""
-        return np.asarray(np.linalg.lstsq(sines, self.walk, rcond=None)[0])
-
     def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
         """The motion without what a fit about it found too much, by (MOTION, name)."""
         first, second = (found.get((MOTION, name), 0.0) for name in START)
@@ -155,9 +151,9 @@ def linearisation_point(
     )
     smooth = replace(reconstruction, flight=flight, motion=read, input_errors=errors)
     if motion is None:
-        own, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))[0]
+        motion, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))[0]
         # The faster part follows errors as they turn with the body, and those are unknowns of their own.
-        motion = replace(own, walk=np.asarray(sines @ own.weights(sines)))
+        motion = replace(motion, walk=sines @ np.linalg.lstsq(sines, motion.walk, rcond=None)[0])
     before, after = smooth.crossflow, motion.crossflow(record)
     rate = crossflow_rate(read, before) + np.gradient(after - before, read.time)
     moved = with_crossflow(replace(read, history=None), after, rate)
@@ -309,7 +305,7 @@ class LinearisedFlight:
         """
         turn = wind_to_body(self.record, wind_direction(self.record, self.reconstruction.start))
         walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
-        weights = PropagatedMotion.of(self.record, self.reconstruction).weights(walk)
+        weights = np.linalg.lstsq(walk, PropagatedMotion.of(self.record, self.reconstruction).walk, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)
         modes = [(axis, part, k) for k in range(weights.size) for axis, part in (("y", 1.0), ("z", 1j))]
 

@@ -173,7 +173,11 @@ def _predict(
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
             change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
-    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
+    record, motion, samples = data.records[0], data.reconstructions[0].motion, data.frame.samples(0)
+    slopes = per_coefficient(data.frame, columns, 0, motion, motion.alpha, slope) @ within.values
+    modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
+    noise = measured.noise * np.sqrt(noise_share(record, (slopes * record.moment_scale)[samples], modes))
+    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(columns, fit.values, covariance, data.frame)
     found = Prediction(
@@ -371,15 +375,6 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
     first, second = (float(np.sum((power / frequency**k)[faster]) / np.sum(power)) for k in (2, 4))
     turned = stiffness * flight.step**2
     return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
-
-
-def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
-    """1-sigma (rows,) of the gyros' noise in the residual moments."""
-    record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
-    slopes = per_coefficient(fit.data.frame, fit.model.columns, 0, motion, motion.alpha, slope) @ fit.values
-    stiffness = (slopes * record.moment_scale)[fit.data.frame.samples(0)]
-    modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
-    return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
 
 def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:

@@ -187,13 +187,34 @@ class Beside:
         return found
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
-        """Of each family, the history of the process that makes most of the record, on the first flight."""
+        """Of each family, the history of the process that makes most of the record, on the first flight: its
+        coefficient where it has one shape, else the length of its coefficients.
+        """
         every: tuple[Process, ...] = (*_finer_processes(), *record_processes())
         processes, groups = {process.name: process for process in every}, own.rows.groups
         sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
-        largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
-        motion = self.rows.frame.motions[0]
-        return {family: _history(processes[groups[k].name], motion, own, k) for family, k in largest.items()}
+        motion, found = self.rows.frame.motions[0], dict[str, ProcessHistory]()
+        places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
+        shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
+        for family, k in {groups[k].family: k for k in np.argsort(sizes).tolist()}.items():
+            process = processes[groups[k].name]
+            unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
+            values, errors = (each / unit for each in process_history(own, k, process.splines, 0, shares))
+            value = np.linalg.norm(values, axis=0)
+            sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
+            if len(values) == 1:
+                (value,), (sigma,) = values, errors
+            found[family] = ProcessHistory(
+                process=process.name,
+                title=process.title,
+                units=groups[k].units,
+                time_s=tuple(motion.time[places].tolist()),
+                mach=tuple(motion.mach[places].tolist()),
+                alpha_rad=tuple(motion.alpha[places].tolist()),
+                values=tuple(value.tolist()),
+                std_errors=tuple(sigma.tolist()),
+            )
+        return found
 
 
 def beside_processes(
@@ -259,28 +280,6 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
     """
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_PRIOR), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
-
-
-def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
-    """Its coefficient where it has one shape, else the length of its coefficients."""
-    unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
-    places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-    shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
-    values, errors = (each / unit for each in process_history(own, number, process.splines, 0, shares))
-    value = np.linalg.norm(values, axis=0)
-    sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
-    if len(values) == 1:
-        (value,), (sigma,) = values, errors
-    return ProcessHistory(
-        process=process.name,
-        title=process.title,
-        units=own.rows.groups[number].units,
-        time_s=tuple(motion.time[places].tolist()),
-        mach=tuple(motion.mach[places].tolist()),
-        alpha_rad=tuple(motion.alpha[places].tolist()),
-        values=tuple(value.tolist()),
-        std_errors=tuple(sigma.tolist()),
-    )
 
 
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
