@@ -50,9 +50,8 @@ _COLOURS = np.linspace(*NOISE_COLOURS)
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Predictors of every order: `filters[k]` (k + 1,) is the scaled prediction-error filter of order k.
-
-    `scales` are their innovation standard deviations relative to the last one, which is `sigma`, rad/s.
+    """Predictors of every order: `filters[k]` (k + 1,) is the prediction-error filter of order k, scaled to the
+    innovation of the last one, whose standard deviation is `sigma`, rad/s.
     """
 
     filters: tuple[FloatArray, ...]

@@ -467,12 +467,12 @@ class ResidualMoments:
     usable: BoolArray
     noise: FloatArray
 
-    def mean_square(self, rows: BoolArray | IntArray | slice) -> float:
-        """Of either coefficient, over some rows as far as they are usable; 0 where none is."""
+    def mean_square(self, rows: BoolArray | IntArray | slice = slice(None)) -> float:
+        """Of either coefficient, over all or some rows as far as they are usable; 0 where none is."""
         found = self.body[rows][self.usable[rows]]
         return float(np.mean(np.abs(found) ** 2) / 2.0) if found.size else 0.0
 
-    def mean_square_of_noise(self, rows: BoolArray | IntArray | slice) -> float:
+    def mean_square_of_noise(self, rows: BoolArray | IntArray | slice = slice(None)) -> float:
         """Of its noise over the same."""
         found = self.noise[rows][self.usable[rows]]
         return float(np.mean(found**2)) if found.size else 0.0

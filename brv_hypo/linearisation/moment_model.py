@@ -140,14 +140,12 @@ class MomentModel:
 
     def _moments(self, motion: Motion) -> tuple[ComplexArray, ComplexArray]:
         """C_m + i C_n (m,) on a motion at the nodes: of the baseline, and of all else."""
-        terms = evaluated(self.columns, self.mechanisms, motion)
-        found = []
+        terms, found = evaluated(self.columns, self.mechanisms, motion), []
         for baseline in (True, False):
             some = [j for j, each in enumerate(self.columns) if (each.mechanism in _BASELINE) is baseline]
-            weights = [self._weights[j] for j in some]
-            in_plane = summed((terms[j].in_plane for j in some), weights, motion.time)
-            out_of_plane = summed((terms[j].out_of_plane for j in some), weights, motion.time)
-            found.append(motion.to_body(in_plane, out_of_plane))
+            shapes = (terms[j].in_plane + 1j * terms[j].out_of_plane for j in some)
+            total = summed(shapes, (self._weights[j] for j in some), motion.time.astype(complex))
+            found.append(motion.to_body(total.real, total.imag))
         return found[0], found[1]
 
     @cached_property

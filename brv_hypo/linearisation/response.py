@@ -201,12 +201,8 @@ class LinearisedFlight:
 
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
-        return spacing(
-            self.reconstruction.motion.windward_meridian_rate,
-            self.reconstruction.motion.p,
-            self.record.flight.step,
-            per_cycle,
-        )
+        motion = self.reconstruction.motion
+        return spacing(motion.windward_meridian_rate, motion.p, self.record.flight.step, per_cycle)
 
     @cached_property
     def crossflow(self) -> ComplexArray:

@@ -139,13 +139,13 @@ def _predict(
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
-    measured, everywhere = data.moments(data.frame.observed), np.ones(data.frame.observed.size, dtype=bool)
-    left, own, left_within = fit.left, _freed(fit, tuple(c.mechanism for c in columns)).left, within.left
+    measured, left, left_within = data.moments(data.frame.observed), fit.left, within.left
+    own = _freed(fit, tuple(column.mechanism for column in columns)).left
     errors = ErrorsOfPrediction(
-        without=measured.mean_square(everywhere),
-        frozen=left.mean_square(everywhere),
-        own=own.mean_square(everywhere),
-        noise=measured.mean_square_of_noise(everywhere),
+        without=measured.mean_square(),
+        frozen=left.mean_square(),
+        own=own.mean_square(),
+        noise=measured.mean_square_of_noise(),
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
@@ -200,7 +200,7 @@ def _predict(
         reason="",
     )
     of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
-    rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
+    rest, freely = (_unexplained(measured, each, errors.noise) for each in (left, left_within))
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
     more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
@@ -458,8 +458,10 @@ def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArra
     return there
 
 
-def _unexplained(measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray) -> float:
-    """The share of the moments' mean square, noise aside, that a model does not explain over some samples (rows,)."""
-    if not np.any(left.usable & kept):
+def _unexplained(
+    measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray | slice = slice(None)
+) -> float:
+    """The share of the moments' mean square, noise aside, that a model does not explain over all or some samples."""
+    if not np.any(left.usable[kept]):
         return 1.0
     return max(left.mean_square(kept) - noise, 0.0) / max(measured.mean_square(kept) - noise, 1e-300)

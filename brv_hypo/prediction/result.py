@@ -111,14 +111,11 @@ class Prediction(HasCharts, Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
-    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
-    `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
-    `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
-    coefficient is frozen, is more than chance makes it.
-    `misfit`: the rms residual over the noise, beside processes and with coefficients as this flight has them; NaN where
-    nothing is tested. `own_record`: the model was estimated from this very record, so that nothing is tested.
-    `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
-    the flight's record found.
+    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there. `refused`:
+    there is a `local_change` of slope or damping, or `difference` is more than chance makes it; None where there is
+    none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients
+    as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that
+    belong to the times of the model's own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
