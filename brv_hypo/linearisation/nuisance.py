@@ -237,19 +237,15 @@ def _of_record(
 ) -> list[tuple[RecordEffect, Component, Nuisance]]:
     """The errors of one record that are fitted along."""
     without_prior = {name: effect for (name, _), effect in free.items()}
-    wanted = [
-        (effect, component)
-        for effect in (*(each for each in effects if each.name not in without_prior), *without_prior.values())
-        for component in effect.components(linearised.record.flight)
-        if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in free
-    ]
     corrected, found = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}, []
-    for effect, component in wanted:
-        key, size = (effect.name, component.name), component.size
-        applied = corrected.get(key, 0.0) + before.get(key, 0.0)
-        present = np.nan if key in free else -applied / size
-        item = Nuisance(*key, number, component.units, size, present, applied, key not in free)
-        found.append((effect, component, item))
+    for effect in (*(each for each in effects if each.name not in without_prior), *without_prior.values()):
+        for component in effect.components(linearised.record.flight):
+            key, size = (effect.name, component.name), component.size
+            if effect.carried or isinstance(effect, RecordProcess) or key in free:
+                applied = corrected.get(key, 0.0) + before.get(key, 0.0)
+                present = np.nan if key in free else -applied / size
+                item = Nuisance(*key, number, component.units, size, present, applied, key not in free)
+                found.append((effect, component, item))
     return found
 
 
@@ -257,12 +253,10 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
     """Those, and what the tolerance of a mechanism allows that all flights share."""
     found = [_tolerated(frame, number, mechanism, shared=True) for number in range(len(known.flights))]
     acting = [each for each in zip(*found, strict=True) if any(np.any(history.rates) for _, history in each)]
-    flights = [
-        own.beside(
-            {place: _kept(own.grid, each[number][1]) for place, each in enumerate(acting, start=len(known.items))}
-        )
-        for number, own in enumerate(known.flights)
-    ]
+    flights, places = [], range(len(known.items), len(known.items) + len(acting))
+    for number, own in enumerate(known.flights):
+        kept = [_kept(own.grid, each[number][1]) for each in acting]
+        flights.append(own.beside(dict(zip(places, kept, strict=True))))
     return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
 
 

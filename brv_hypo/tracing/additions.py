@@ -73,8 +73,7 @@ def generic_name(model: Model) -> str:
 
 def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Variant]:
     """The effect on these flights, as one variant where it has no settings to try, else one flight at a time."""
-    found: list[Variant] = []
-    together = True
+    found, together = list[Variant](), True
     for number, flight in flights.items():
         variants = effect.variants(flight)
         together &= variants == (effect,)

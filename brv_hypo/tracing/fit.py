@@ -452,11 +452,10 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 def _whiteness(fit: Fit) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = fit.data.fitted
-    rates = fit.rest.rates[fitted.rows]
-    pieces = [rates[a:b] - rates[a:b].mean() for a, b in fitted.pieces]
-    flights = fit.data.frame.flight_of_row[fitted.rows]
-    sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
-    parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
+    rates, parts = fit.rest.rates[fitted.rows], list[FloatArray]()
+    for (a, b), number in zip(fitted.pieces, fitted.flights, strict=True):
+        piece = (rates[a:b] - rates[a:b].mean()) / fit.data.records[number].gyro_sigma
+        parts += [piece.real, piece.imag]
     chances = [whiteness([part[np.newaxis]], min(WHITE_LAGS, part.size // 4))[0].p_value for part in parts]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
     total = sum(float(part @ part) for part in parts)
