@@ -151,7 +151,8 @@ def _predict(
     known, known_by, both = _uncertain(fit, content, places)
     change, difference, differs, misfit = None, None, False, float("nan")
     covariance[np.ix_(known, known)] = known_by
-    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
+    motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
+    mach = motion.mach[samples]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
         beside = beside_processes(fit, fit.model, fit.problem.rows.part)
@@ -173,10 +174,9 @@ def _predict(
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
             change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
-    record, motion, samples = data.records[0], data.reconstructions[0].motion, data.frame.samples(0)
     slopes = per_coefficient(data.frame, columns, 0, motion, motion.alpha, slope) @ within.values
-    modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
-    noise = measured.noise * np.sqrt(noise_share(record, (slopes * record.moment_scale)[samples], modes))
+    stiffness, modes = slopes * data.records[0].moment_scale, fit.problem.rows.nuisances.flights[0].walks.size // 2
+    noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(columns, fit.values, covariance, data.frame)
@@ -348,7 +348,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
                     f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
                     f"Leave {name} out, or predict with such a model."
                 )
-            motion = correct(source, model).reconstructions[0].motion
+            motion = correct(source, model).frame.motions[0]
             more = tuple(term_column(item, term) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
         elif item is not None:
@@ -436,7 +436,7 @@ def band_of(
 
 def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.frame.samples(0)]
+    time, mach = data.frame.time, data.frame.motions[0].mach[data.frame.samples(0)]
     found = []
     for start, stop in itertools.pairwise(np.linspace(time.min(), time.max(), _REGIONS + 1).tolist()):
         inside = (time >= start) & (time <= stop) & left.usable
@@ -450,7 +450,7 @@ def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) 
 
 def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
-    motion, samples = data.reconstructions[0].motion, data.frame.samples(0)
+    motion, samples = data.frame.motions[0], data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in ends.items():
         values = getattr(motion, name)[samples]

@@ -71,7 +71,7 @@ def gathered(
     rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
     kept = (before.usable & fit.left.usable)[rows]
     samples, rows = data.frame.samples(number)[kept], rows[kept]
-    findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
+    findings, every = names_added(steps, "finding"), zip(flights, data.frame.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -105,7 +105,7 @@ def gathered(
             after=pair(fit.left.body[rows]),
             sigma=tuple(fit.left.noise[rows].tolist()),
             whitened=whitened(beside, number),
-            **motion_histories(data.reconstructions[number], samples),
+            **motion_histories(data.frame.reconstructions[number], samples),
         ),
     )
 
@@ -226,10 +226,10 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
         known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
         left = replace(fit, known=known).left
     # Small angles of attack, where its moment is nothing, it knows as well as those that it was found at.
-    motions = [each.motion for each in fit.data.reconstructions]
-    flown, mach = {"alpha": (0.0, max(float(each.alpha.max()) for each in motions))}, [each.mach for each in motions]
-    if np.all(np.isfinite(np.concatenate(mach))):
-        flown["mach"] = (float(np.concatenate(mach).min()), float(np.concatenate(mach).max()))
+    mach, alpha = (np.concatenate([getattr(m, name) for m in fit.data.frame.motions]) for name in ("mach", "alpha"))
+    flown = {"alpha": (0.0, float(alpha.max()))}
+    if np.all(np.isfinite(mach)):
+        flown["mach"] = (float(mach.min()), float(mach.max()))
     saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
     return saved.model_copy(
         update={
@@ -249,7 +249,7 @@ def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoment
     the noise may leave by chance.
     """
     pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
-    mach = np.concatenate([rec.motion.mach[data.frame.samples(k)] for k, rec in enumerate(data.reconstructions)])
+    mach = np.concatenate([each.mach[data.frame.samples(k)] for k, each in enumerate(data.frame.motions)])
     places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
     if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:
         order = np.argsort(places)
@@ -283,5 +283,5 @@ def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...
         variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
         return Along(slopes @ found.values, np.sqrt(np.maximum(variance, 0.0)), {})
 
-    motions = enumerate(each.motion for each in data.reconstructions)
+    motions = enumerate(data.frame.motions)
     return tuple(along_flight(motion, number, partial(at, number, motion)) for number, motion in motions)

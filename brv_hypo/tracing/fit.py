@@ -92,11 +92,6 @@ class Corrected:
     corrections: tuple[Errors, ...]
 
     @property
-    def reconstructions(self) -> tuple[Reconstruction, ...]:
-        """One a flight."""
-        return self.frame.reconstructions
-
-    @property
     def flights(self) -> tuple[Flight, ...]:
         """The records as they are read."""
         return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
@@ -322,7 +317,7 @@ class Fit:
         ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
         number = int(np.argmax(ratios))
         usable, samples = left.usable[spans[number]], data.frame.samples(number)
-        motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+        motion, body = data.frame.motions[number], left.body[spans[number]][usable]
         time, samples = motion.time[samples], samples[usable]
         plane = plane_from_body(body, motion.windward_meridian[samples])
         channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}

@@ -133,7 +133,7 @@ def _start(source: Flights) -> Fit:
         return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
     model = start_model(source, known, baseline).but(added=tuple(mechanism.name for mechanism in known))
-    motion = correct(source, model).reconstructions[0].motion
+    motion = correct(source, model).frame.motions[0]
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
     for mechanism in known:  # every term of those that leave no choice in time, of all flights together or of each
         if mechanism not in chosen:
@@ -213,7 +213,7 @@ def _has_everywhere(name: str, model: Model, flights: int) -> bool:
 def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
     """Whether the records hold what the mechanism needs, such as the Mach number."""
     theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
-    terms = [term for each in data.reconstructions for term in mechanism.terms(each.motion, theta)]
+    terms = [term for motion in data.frame.motions for term in mechanism.terms(motion, theta)]
     return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
 
 

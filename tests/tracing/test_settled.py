@@ -85,7 +85,7 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
     """
     source = Flights((sized(232010, "reynolds_stiffness").made.flight,), CONFIG)
     model = start_model(source, [find("mach_stiffness")])
-    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
+    motion, always = correct(source, model).frame.motions[0], TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
     state = converged(source, model.but(columns=(*model.columns, *powers)))

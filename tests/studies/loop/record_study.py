@@ -77,7 +77,7 @@ def planted(base: Ground, effect: str, times: float, seed: int, onset: float | N
         return _with_error(base, item, times, draw)
     if item.parameters():
         raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
-    motion = base.state.data.reconstructions[0].motion
+    motion = base.state.data.frame.motions[0]
     asked = _unbent(base) if is_bend(item, motion) else base
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
@@ -110,7 +110,7 @@ def limits_there(
     give as much again: the second is what there is of it beside the model, at its time and with its terms.
     """
     model = restored(base.model, (flight,))
-    names = [term.name for term in item.terms(base.state.data.reconstructions[0].motion, {})]
+    names = [term.name for term in item.terms(base.state.data.frame.motions[0], {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
     settings = TraceConfig()
     both = model + Model(mechanisms={item.name: item}, columns=own)
