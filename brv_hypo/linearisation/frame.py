@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -91,11 +90,7 @@ class Antiderivative:
         return np.asarray(self.at_nodes[i, columns] + inside, dtype=complex)
 
 
-class Integrals(NamedTuple):
-    """Antiderivatives over one segment of columns g (m, columns), and of (s - origin) g, which ramps need."""
-
-    plain: Antiderivative
-    first: Antiderivative
+Integrals = tuple[Antiderivative, Antiderivative]
 
 
 @dataclass(frozen=True)
@@ -144,8 +139,7 @@ class WeakSegment:
         After it infinite: what begins there is nothing of it.
         """
         before, end = self.coefficient_time[-2:]
-        shared = self.common_time is not None
-        own = np.interp(spans, self.coefficient_time, self.time) if shared else np.maximum(spans, self.time[0])
+        own = np.interp(spans, self.coefficient_time, self.time)
         return np.where(spans > end - _END * (end - before), np.inf, own)
 
     @cached_property
@@ -153,23 +147,25 @@ class WeakSegment:
         return SplineGrid.on(self.nodes.time)
 
     def integrate(self, integrands: ComplexArray) -> Integrals:
-        """Antiderivatives for columns (k, columns) on the nodes: C_m + i C_n times the factor of the integrand."""
+        """Antiderivatives of columns (k, columns) on the nodes, C_m + i C_n times the factor of the integrand; and of
+        these times the time since the first sample, which ramps need.
+        """
         since = self.nodes.coefficient_time - self.coefficient_time[0]
-        return Integrals(Antiderivative(self._grid, integrands), Antiderivative(self._grid, integrands, since))
+        return Antiderivative(self._grid, integrands), Antiderivative(self._grid, integrands, since)
 
     def columns(self, integrals: Integrals, which: IntArray, bases: Sequence[TimeBasis]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
         start, stop = np.array([(basis.start, basis.stop) for basis in bases]).T
-        begin, end = self.own_times(start), self.own_times(stop)
-        out = self._between(integrals.plain, which, begin, end)
+        begin, end, (plain, since) = self.own_times(start), self.own_times(stop), integrals
+        out = self._between(plain, which, begin, end)
         if (ramps := np.flatnonzero([basis.kind == "ramp" for basis in bases])).size:
             which, (start, stop, begin, end) = which[ramps], (each[ramps] for each in (start, stop, begin, end))
             out[:, ramps] *= self.coefficient_time[0] - start
-            out[:, ramps] += self._between(integrals.first, which, begin, end)
+            out[:, ramps] += self._between(since, which, begin, end)
             last = np.full(ramps.size, self.time[-1])
             if np.any(end < last):  # what its last value brings after it has ended
                 held = np.minimum(stop, self.coefficient_time[-1]) - start
-                out[:, ramps] += held * self._between(integrals.plain, which, end, last)
+                out[:, ramps] += held * self._between(plain, which, end, last)
         return out
 
     def _between(self, integral: Antiderivative, which: IntArray, begin: FloatArray, end: FloatArray) -> ComplexArray:

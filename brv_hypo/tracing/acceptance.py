@@ -110,28 +110,28 @@ class Candidate:
         return self.null.information - self.fit.information
 
     @property
+    def explains(self) -> float:
+        """Share of the weighed squares that it saves."""
+        return 1.0 - self.fit.rss / self.null.rss
+
+    @cached_property
+    def fall(self) -> float:
+        """Fall of the weighed squares in effective samples."""
+        fit = self.fit
+        return max(self.null.rss - fit.rss, 0.0) / (fit.rss / (fit.samples - fit.parameters)) * fit.efficiency
+
+    @property
     def f_ratio(self) -> float:
         """Of all that it adds."""
-        fit, extra = self.fit, self.fit.parameters - self.null.parameters
-        return max((self.null.rss - fit.rss) / extra, 0.0) / (fit.rss / (fit.samples - fit.parameters))
+        return self.fall / (self.fit.parameters - self.null.parameters) / self.fit.efficiency
 
     @cached_property
     def p_value(self) -> float:
         """Chance of that, paid for all that was searched for it."""
         fit, extra = self.fit, self.fit.parameters - self.null.parameters
-        chance = float(stats.f.sf(self.f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
+        chance = float(stats.f.sf(self.fall / extra, extra, max(fit.effective - fit.parameters, 1.0)))
         chosen = len({column.choice for column in fit.selected})
         return min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0)
-
-    @cached_property
-    def fall(self) -> float:
-        """Fall of the weighed squares in effective samples."""
-        return self.f_ratio * (self.fit.parameters - self.null.parameters) * self.fit.efficiency
-
-    @property
-    def explains(self) -> float:
-        """Share of the weighed squares that it saves."""
-        return 1.0 - self.fit.rss / self.null.rss
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
