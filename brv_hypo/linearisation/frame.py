@@ -317,19 +317,19 @@ class RateFrame:
     def columns(self, columns: Sequence[Regressor]) -> ComplexArray:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
         out = np.zeros((self.observed.size, len(columns)), dtype=complex)
-        for k, (a, b), shapes, members, which in self._acting(columns):
+        for k, shapes, members, which in self._acting(columns):
             bases = [columns[j].time_basis for j in members]
-            out[a:b, members] = self.segments[k].columns(shapes.integrals[k], which, bases)
+            out[slice(*self.pieces[k]), members] = self.segments[k].columns(shapes.integrals[k], which, bases)
         return out
 
     def moments(self, columns: Sequence[Regressor]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
         out = np.zeros((self.observed.size, len(columns)), dtype=complex)
-        for k, (a, b), shapes, members, which in self._acting(columns):
-            segment, nodes = self.segments[k], self.segments[k].nodes
+        for k, shapes, members, which in self._acting(columns):
+            segment, nodes, rows = self.segments[k], self.segments[k].nodes, slice(*self.pieces[k])
             body = shapes.moments[segment.flight][nodes.rows][nodes.samples]
             for j, term in zip(members, which, strict=True):
-                out[a:b, j] = body[:, term] * columns[j].time_basis(segment.coefficient_time)
+                out[rows, j] = body[:, term] * columns[j].time_basis(segment.coefficient_time)
         return out
 
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
@@ -377,20 +377,18 @@ class RateFrame:
             moments.append(summed(shapes, weights, motion.alpha))
         return tuple(moments)
 
-    def _acting(self, columns: Sequence[Regressor]) -> Iterator[tuple[int, Piece, _Shapes, list[int], IntArray]]:
-        """Of each segment, by its number and rows, shapes in turn: which columns act there, and the term that each is
-        among the shapes.
-        """
+    def _acting(self, columns: Sequence[Regressor]) -> Iterator[tuple[int, _Shapes, list[int], IntArray]]:
+        """Of each segment, by its number, shapes in turn: which columns act there, and each one's term among them."""
         self._evaluate_missing({(column.mechanism, column.theta): None for column in columns})
-        for k, (segment, piece) in enumerate(zip(self.segments, self.pieces, strict=True)):
+        for flight in range(len(self.finer)):
             shared: dict[int, tuple[_Shapes, list[int]]] = {}
             for j, column in enumerate(columns):
-                if column.acts_on(segment.flight):
+                if column.acts_on(flight):
                     shapes = self._evaluated[column.mechanism, column.theta]
                     shared.setdefault(id(shapes), (shapes, []))[1].append(j)
             for shapes, members in shared.values():
-                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
-                yield k, piece, shapes, members, np.array(places)
+                places = np.array([shapes.position[columns[j].theta, columns[j].term] for j in members])
+                yield from ((k, shapes, members, places) for k, s in enumerate(self.segments) if s.flight == flight)
 
     def _evaluate_missing(self, wanted: Mapping[_Key, None]) -> None:
         """Shapes that are not known yet, those of a mechanism's thetas together; where many are kept, these alone."""

@@ -107,9 +107,8 @@ class MomentModel:
         found = _parts(nodes.of(shifts), nodes.of(rates))
         records = [(one, other) for (one, _), (other, _) in pairs]
         if any(one.transverse_rate is not other.transverse_rate for one, other in records):
-            turning = nodes.of(
-                np.stack([one.transverse_rate - other.transverse_rate for one, other in records], axis=1)
-            )
+            turned = [one.transverse_rate - other.transverse_rate for one, other in records]
+            turning = nodes.of(np.stack(turned, axis=1))
             found |= {"q": turning.real, "r": turning.imag}
         for name in _SCALARS:
             read = [(getattr(one.flight, name), getattr(other.flight, name)) for one, other in records]

@@ -209,10 +209,7 @@ def _predict(
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
-    """The rms residual over the record's noise, a term of this F-ratio taken out.
-
-    The noise's level has a narrow prior: a residual far beyond it has another rms.
-    """
+    """The rms residual over the record's noise, whose level has a narrow prior; a term of this F-ratio taken out."""
     squares = float(np.sum(own.residual[own.rows.counted] ** 2)) - gain * own.noise**2
     return own.rows.noise_ratio * math.sqrt(max(squares, 0.0) / own.rows.size)
 
@@ -252,9 +249,8 @@ def _frozen(
         data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-        fit = fitted_about(
-            data, model, np.where(np.isnan(fixed), first_values(data.frame, data.whole, model.columns), fixed)
-        )
+        values = first_values(data.frame, data.whole, model.columns)
+        fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
         # What has no prior was found on this very record, and is taken out of it.
         held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
