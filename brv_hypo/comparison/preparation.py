@@ -19,7 +19,7 @@ from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import shift_sigma
 from brv_hypo.linearisation.frame import build_frame
-from brv_hypo.linearisation.propagated_motion import PropagatedMotion, cycles, linearisation_point
+from brv_hypo.linearisation.response import PropagatedMotion, cycles, linearisation_point
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds

@@ -29,7 +29,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.identification import parameters
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot, real_rows
 from brv_hypo.likelihood import Delayed
-from brv_hypo.linearisation.propagated_motion import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.common_time import OwnTime

@@ -24,7 +24,7 @@ from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.statistics import Whiteness, estimate_variance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
-from brv_hypo.linearisation.propagated_motion import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import gravity_size

@@ -27,9 +27,8 @@ from brv_hypo.identification.parameters import (
     record_errors,
 )
 from brv_hypo.likelihood import Segment
-from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.frame import RateFrame, WeakSegment
 from brv_hypo.linearisation.moment_model import delays_requested
-from brv_hypo.linearisation.weakform import WeakSegment
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.inputs import SmoothInputs
@@ -239,7 +238,7 @@ def node_records(
         for knot in knots_of(columns, own) if size > 1 else ():
             outputs[:, np.abs(nodes - knot) < block] = np.nan
         smoothed = (input_error(error, part.flight) for error in inputs[part.flight].errors)
-        courses = error_histories(errors[part.flight], part.flight, time, samples, turn, local)
+        histories = error_histories(errors[part.flight], part.flight, time, samples, turn, local)
         record = NodeRecord(
             context=Context(
                 flight=part.flight,
@@ -250,7 +249,7 @@ def node_records(
                 own=own,
             ),
             segment=Segment(
-                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *courses)
+                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *histories)
             ),
             time=time,
             turn=turn,

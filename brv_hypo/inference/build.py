@@ -11,12 +11,10 @@ from scipy import stats
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
-from brv_hypo.linearisation.channels import ForceModel, whole
-from brv_hypo.linearisation.frame import RateFrame, whiten
-from brv_hypo.linearisation.linear import solve_scaled
+from brv_hypo.linearisation.channels import ForceModel, first_values, whole
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import Errors, nuisances, with_shared
 from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.linearisation.whitening import difference
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis
@@ -70,11 +68,12 @@ def build_problem(
     """
     if point is None:
         nothing: tuple[Errors, ...] = tuple({} for _ in records)
-        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing)
+        every = whole(frame, np.ones(frame.observed.size, dtype=bool))
+        point = LinearisationPoint((), baseline, first_values(frame, every, baseline), nothing)
     # What the design of the vehicle makes of C_mw is the same on all flights.
     designed = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
     designing, columns, values = with_vehicle(frame, (), np.zeros(0), designed, point.errors[0])
-    frame = designing.with_design(columns, values)
+    frame = replace(designing, design=designing.in_plane_moments(columns, values))
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
@@ -127,12 +126,6 @@ def with_vehicle(
         if (mechanism.name, term.name) in known
     }
     return frame.with_mechanisms(vehicle), (*baseline, *own), np.append(values, list(own.values()))
-
-
-def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray:
-    """Coefficients (columns,) by plain least squares of the rates' differences."""
-    design = whiten(frame.columns(columns), frame.pieces, difference())
-    return solve_scaled(design, whiten(frame.observed[:, None], frame.pieces, difference())[:, 0])
 
 
 def linearised_flights(

@@ -15,10 +15,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.bordered import Bordered
 from brv_hypo.inference.problem import Problem, WhitenedRows
 from brv_hypo.inference.unmodelled import free_moment
-from brv_hypo.linearisation.channels import Lasting, Noise
-from brv_hypo.linearisation.frame import remove_levels
+from brv_hypo.linearisation.channels import Lasting, Noise, fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.linearisation.whitening import fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.motion.interpolation import turning
 
 # Held by `tests.studies.independent.study --coloured` (half of its flights in noise that lasts) and
@@ -55,7 +53,7 @@ def estimated_noise(problem: Problem) -> Noise:
     rest = plain.left(frame, columns, of_columns, others).at(part.rows)
     force = [rest.force[a:b][part.valid[a:b]] for a, b in part.pieces]
     rates_explained, force_explained = _explained(basis, plain.rows) if thinning == 1 else (None, None)
-    rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
+    rates = [rest.rates[a:b] - rest.rates[a:b].mean() for a, b in part.pieces]
     force = [piece for piece in force if piece.size]
     motion = _turning(problem)
     above = NOISE_BEYOND * 2.0 * np.pi / (NOISE_PER_CYCLE * rows.noise.thinning)

@@ -14,11 +14,10 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.bordered import Bordered, joined
-from brv_hypo.linearisation.channels import Histories, Noise, Part, Whitening, side_by_side
+from brv_hypo.linearisation.channels import Histories, Noise, Part, Whitening, effective_samples, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import lengths, orthonormal
 from brv_hypo.linearisation.nuisance import AT_ONCE, Nuisances
-from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis

@@ -1,7 +1,12 @@
-"""The two channels that a residual has: the rates of Eq. 2.3, and the specific force across the axis.
+"""The two channels that a residual has, the rates of Eq. 2.3 and the specific force across the axis, and their noise.
 
-Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is
-divided by its noise. `ForceModel` is the normal force that a hypothesis is fitted with.
+Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is divided by its
+noise. `ForceModel` is the normal force that a hypothesis is fitted with.
+
+Residuals of gyro rates are white gyro noise plus a red part, from what the reconstruction of the motion leaves. An
+autoregressive model fitted to them gives the prediction-error filter; applied to data and columns alike, it turns
+generalised into ordinary least squares, so that F-values mean what they say. The first rows of a segment use the
+predictors of lower order (Durbin-Levinson), so that the whitening is exact.
 """
 
 from __future__ import annotations
@@ -12,18 +17,187 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.clock import runs
 from brv_hypo.linearisation.frame import Piece, RateFrame
-from brv_hypo.linearisation.whitening import NoiseModel, applied
+from brv_hypo.linearisation.linear import solve_scaled
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.interpolation import applied
 from brv_hypo.motion.motion import effective
-from brv_hypo.motion.signals import ColouredNoise
+from brv_hypo.motion.signals import ColouredNoise, inverse_spectrum
 
 HELD_OUT_OF = 4  # blocks, of which one is held out
 HELD_OUT_BLOCK = 3  # which of them
 HELD_OUT_SHORTEST = 8  # rows of a stretch that is fitted or held out
+# Held by `tests.studies.independent.study --coloured` and `tests/studies/independent/test_coloured_noise.py`.
+NOISE_SAMPLES_PER_ORDER = 20  # of the residuals
+NOISE_STRETCHES = 16  # of time, that the spectrum is the median of
+NOISE_SHORTEST_STRETCH = 32  # samples
+NOISE_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
+NOISE_LEAKS = 2.0  # lines over which one of them leaks under a Hann window: half its main lobe
+NOISE_COLOURS = (0.0, 0.98, 99)  # correlations of neighbouring samples that are tried
+NOISE_ALLOWED_FALL = 1.0  # of 2 ln L, that a correlation seen elsewhere may bring: one sigma
+NOISE_CORRELATED = 2.0  # sigmas of a correlation below which samples count as independent from there on
+NOISE_MOST_LAG = 50  # samples to which that is looked for
+# What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
+MEDIAN_EFFICIENCY = 0.48
+# Correlations of neighbouring samples that are tried.
+_COLOURS = np.linspace(*NOISE_COLOURS)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Predictors of every order: `filters[k]` (k + 1,) is the prediction-error filter of order k, scaled to the
+    innovation of the last one, whose standard deviation is `sigma`, rad/s.
+    """
+
+    filters: tuple[FloatArray, ...]
+    sigma: float
+
+    @property
+    def order(self) -> int:
+        """Order of the autoregression."""
+        return len(self.filters) - 1
+
+    def operator(self, samples: int) -> sparse.csr_array:
+        """The filter of a segment of so many samples, banded (samples, samples); the innovation keeps its size."""
+        order = min(self.order, samples - 1)
+        band = [np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])]
+        for k in range(min(self.order, samples)):
+            for lag, weight in enumerate(self.filters[k]):
+                band[lag][k - lag] = weight
+        return sparse.diags_array(band, offsets=[-lag for lag in range(order + 1)], format="csr")
+
+
+def white(sigma: float = 1.0) -> NoiseModel:
+    """White noise: the filter that changes nothing."""
+    return NoiseModel((np.ones(1),), sigma)
+
+
+def difference() -> NoiseModel:
+    """A random walk: the starting point where nothing is known of the noise."""
+    return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
+
+
+def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, fitted: FloatArray | None = None) -> NoiseModel:
+    """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
+
+    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
+    that `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (max_order + 1,) is what the fit
+    explains of white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
+    """
+    total = sum(part.size for part in residuals)
+    top = int(min(max_order, max(1, total // NOISE_SAMPLES_PER_ORDER)))
+    covariance = lasting_autocovariance(residuals, top)
+    if covariance[0] <= 0.0:
+        return white(0.0)
+    if fitted is not None:
+        covariance += covariance[0] / (1.0 - fitted[0]) * fitted[: top + 1]
+    covariance[0] *= 1.0 + 1e-9
+    predictors = [solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)]
+    variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
+    variances = np.maximum(variances, 1e-12 * covariance[0])
+    values = 2.0 * total * MEDIAN_EFFICIENCY
+    bic = values * np.log(variances) + np.arange(top + 1) * np.log(values)
+    order = int(np.argmin(bic))
+    sigma = float(np.sqrt(variances[order]))
+    filters = tuple(np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1))
+    return NoiseModel(filters, sigma)
+
+
+def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> FloatArray:
+    """Autocovariance (lags + 1,) of one component of what lasts through the residuals, one (m,) array a segment.
+
+    From the median over short stretches of time of their spectra (Allen et al. 2012, FINDCHIRP, Appendix B), positive
+    and negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of
+    the motion and of one sense of turning, and is no noise.
+    """
+    lasting = _lasting_spectrum(residuals)
+    found = np.fft.ifft(lasting).real / 2.0
+    return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
+
+
+def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float) -> ColouredNoise:
+    """The noise of one component of what lasts through the residuals, of the colour that it has beyond the motion.
+
+    `motion`, the motion's frequency, and `above`, from which there is noise alone, in rad a sample. What a fit leaves
+    of the motion is in the spectrum too, so that there it is taken for that of a first-order autoregression (Whittle
+    1953) whose colour is what all frequencies beyond the motion's show, as far as those `above` alone allow.
+    """
+    lasting = _lasting_spectrum(residuals)
+    line = 2.0 * np.pi / lasting.size
+    frequency = np.abs(2.0 * np.pi * np.fft.fftfreq(lasting.size))
+    values = MEDIAN_EFFICIENCY * 2.0 * sum(part.size for part in residuals)
+
+    def colours_from(lowest: float) -> tuple[FloatArray, FloatArray]:
+        """Level and -2 ln L of each colour, frequencies from this one."""
+        noisy = frequency >= min(lowest, 0.5 * np.pi)
+        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency[noisy])
+        levels = np.mean(lasting[noisy] * shapes, axis=1)
+        return levels, values * np.mean(noisy) * (np.log(levels) - np.mean(np.log(shapes), axis=1))
+
+    levels, fall = colours_from(above + NOISE_LEAKS * line)
+    allowed = np.flatnonzero(fall <= np.min(fall) + NOISE_ALLOWED_FALL)
+    shown = int(np.argmin(colours_from(motion + NOISE_LEAKS * line)[1]))
+    chosen = int(np.clip(shown, allowed[0], allowed[-1]))
+    return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(_COLOURS[chosen]))
+
+
+def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
+    """Median power over stretches of time (frequencies,), positive and negative frequencies alike, of both parts."""
+    total = sum(part.size for part in residuals)
+    wanted = np.clip(total / NOISE_STRETCHES, NOISE_SHORTEST_STRETCH, NOISE_LONGEST_STRETCH)
+    length = min(int(2 ** np.round(np.log2(wanted))), max(part.size for part in residuals))
+    window, spectra = np.hanning(length + 2)[1:-1], []
+    window /= np.sqrt(np.sum(window**2))
+    for part in (each for each in residuals if each.size >= length):  # stretches that overlap by half
+        stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: max(length // 2, 1)]
+        spectra.append(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2)
+    power = np.concatenate(spectra)
+    power = np.concatenate([power, np.roll(power[:, ::-1], 1, axis=1)])
+    count = power.shape[0]
+    odd = 2.0 * np.arange(1, (count - 1) // 2 + 1)
+    bias = 1.0 + float(np.sum(1.0 / (odd + 1.0) - 1.0 / odd))
+    return np.asarray(np.median(power, axis=0) / bias, dtype=float)
+
+
+def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
+    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
+
+    `basis` (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white
+    noise has the covariance I - basis basis'.
+    """
+    out = np.zeros(max_order + 1)
+    for part in (basis[:rows], basis[rows : 2 * rows]):
+        for a, b in pieces:
+            for lag in range(min(max_order, b - a - 1) + 1):
+                out[lag] += float(np.vdot(part[a : b - lag], part[a + lag : b]))
+    return out / (2.0 * rows)
+
+
+def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_LAG) -> float:
+    """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel.
+
+    n / (1 + 2 sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and
+    Hammersley 1946 with a cut-off); never more than n.
+    """
+    n = sum(part.size for part in innovations)
+    power = sum(float(part @ part) for part in innovations)
+    if power == 0.0:
+        return float(n)
+    inflation = 1.0
+    for lag in range(1, max_lag + 1):
+        rho = sum(float(part[:-lag] @ part[lag:]) for part in innovations if part.size > lag) / power
+        if abs(rho) < NOISE_CORRELATED / np.sqrt(n):
+            break
+        inflation += 2.0 * rho
+    return float(n / max(inflation, 1.0))
+
+
+# ---- Histories in both channels, and parts of a record ----
 
 
 @dataclass(frozen=True)
@@ -97,14 +271,6 @@ class Part:
         mine = slice(first, last)
         return Part(self.rows[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
 
-    def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
-        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        return Whitening(self, noise).rates(rates)
-
-    def whitened(self, rows: Histories, noise: Noise) -> FloatArray:
-        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        return Whitening(self, noise).both(rows)
-
     def constants(self) -> ComplexArray:
         """The constants of integration as histories of the rates (rows, 2 levels)."""
         out = np.zeros((self.rows.size, 2 * len(self.levels)), dtype=complex)
@@ -131,42 +297,39 @@ class Whitening:
     noise: Noise
 
     def rates(self, rates: ComplexArray) -> FloatArray:
-        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        return _white(self._of_rates, rates)
+        """The rates (rows, columns), filtered, at unit noise (2 thinned rows, columns); real before imaginary."""
+        return _white(self._operators[0], rates)
 
     def both(self, rows: Histories) -> FloatArray:
-        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        usable = (rows.force.T * self.part.valid).T
-        return np.concatenate([self.rates(rows.rates), _white(self._of_force, usable)])
+        """Both channels: (4 thinned rows, columns), rates first, then force."""
+        usable = rows.force * self.part.valid[:, np.newaxis]
+        return np.concatenate([self.rates(rows.rates), _white(self._operators[1], usable)])
 
     @cached_property
-    def _of_rates(self) -> sparse.csr_array:
-        return self._operator(self.noise.rates)
-
-    @cached_property
-    def _of_force(self) -> sparse.csr_array:
-        return self._operator(self.noise.force)
-
-    def _operator(self, model: NoiseModel) -> sparse.csr_array:
-        """Filter and sums of neighbours over the root of their number, within each stretch (thinned rows, rows)."""
-        blocks = []
-        for a, b in self.part.pieces:
-            filtered = model.operator(b - a) / model.sigma
-            blocks.append(_averages(b - a, self.noise.thinning) @ filtered)
-        return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
+    def _operators(self) -> list[sparse.csr_array]:
+        """Of rates and force: filter and sums of neighbours over the root of their number, within each stretch."""
+        found = []
+        for model in (self.noise.rates, self.noise.force):
+            blocks = []
+            for a, b in self.part.pieces:
+                starts = np.append(np.arange(0, b - a, self.noise.thinning), b - a)
+                sizes = np.diff(starts)
+                sums = sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(b - a), starts))
+                blocks.append(sums @ (model.operator(b - a) / model.sigma))
+            found.append(sparse.csr_array(sparse.block_diag(blocks, format="csr")))
+        return found
 
 
 def _white(operator: sparse.csr_array, rows: ComplexArray) -> FloatArray:
-    """An operator applied to histories (rows,) or (rows, columns), real parts before imaginary ones."""
-    white = applied(operator, rows if rows.ndim == 2 else rows[:, np.newaxis])
+    white = applied(operator, rows)
     return np.concatenate([white.real, white.imag])
 
 
-def _averages(samples: int, thinning: int) -> sparse.csr_array:
-    """Sums of `thinning` neighbours over the root of their number (thinned samples, samples)."""
-    starts = np.append(np.arange(0, samples, thinning), samples)
-    sizes = np.diff(starts)
-    return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
+def first_values(frame: RateFrame, part: Part, columns: Sequence[Regressor]) -> FloatArray:
+    """Coefficients (columns,) of moments on a part by plain least squares of the rates' differences."""
+    whitening = Whitening(part, Noise(difference(), difference()))
+    design = whitening.rates(np.column_stack([frame.columns(columns)[part.rows], part.constants()]))
+    return solve_scaled(design, whitening.rates(frame.observed[part.rows, np.newaxis])[:, 0])[: len(columns)]
 
 
 def side_by_side(rows: Sequence[Histories]) -> Histories:
@@ -193,11 +356,6 @@ def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part]:
             edges = np.linspace(time.min(), time.max(), blocks + 1)
             held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % HELD_OUT_OF == HELD_OUT_BLOCK
     return part(frame, valid, ~held, shared=True), part(frame, valid, held, shared=False)
-
-
-def most_blocks(frame: RateFrame) -> int:
-    """Blocks of which each flight has enough samples to hold one out."""
-    return int(np.bincount(frame.flight_of_row).min()) // (HELD_OUT_SHORTEST + 1)
 
 
 def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
@@ -239,18 +397,10 @@ class ForceModel:
         """Columns (n, 4) at the crossflow xi (n,)."""
         own = effective(xi)
         flow, square = -record.force_scale * own, np.abs(own) ** 2
-        return np.column_stack(
-            [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
-        )
+        parabola = np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+        slopes = (flow * (self.slope + self.bend * square))[:, np.newaxis] * parabola
+        return np.column_stack([slopes, flow * self.slope * square])
 
     def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
         """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
-        own = effective(xi)
-        slope = self._parabola @ values[:3]
-        bend = self.bend * slope + values[3] * self.slope
-        return np.asarray(-record.force_scale * own * (self.slope * slope + bend * np.abs(own) ** 2))
-
-    @cached_property
-    def _parabola(self) -> FloatArray:
-        """Powers of time over the record, from -1 to 1 (n, 3)."""
-        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+        return np.asarray(self.columns(record, xi) @ values)

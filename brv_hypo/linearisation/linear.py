@@ -45,10 +45,8 @@ def covariance_of(design: FloatArray, residual: FloatArray, samples: int, effici
     scale = lengths(design)
     variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
     triangle = np.linalg.qr(design / scale, mode="r")  # has the same singular values, and is small
-    _, singular, right = np.linalg.svd(triangle, full_matrices=False)
-    kept = singular > 1e-10 * singular[0]
-    inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
-    return np.asarray(variance * (right.T * inverse**2) @ right / np.outer(scale, scale), dtype=float)
+    inverse = np.linalg.pinv(triangle, rcond=1e-10) / scale[:, np.newaxis]
+    return np.asarray(variance * inverse @ inverse.T, dtype=float)
 
 
 def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:

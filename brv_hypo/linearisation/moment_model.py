@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray, Values
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
@@ -82,46 +82,39 @@ class MomentModel:
     @cached_property
     def _slopes(self) -> dict[float, dict[str, ComplexArray]]:
         """Slopes (m,) by what the motion is, and was so many seconds before: of the quantities that count."""
-        return {ago: self._slopes_by(ago) for ago in (0.0, *delays_requested(self.motion, self._moments))}
-
-    def _slopes_by(self, ago: float) -> dict[str, ComplexArray]:
-        """Slopes (m,) by each quantity so many seconds before."""
-        there = self.motion.delayed(ago)
-        found, own = {}, _quantities(there)
-        for name, value in own.items():
-            step = MOMENT_SLOPE_STEP * np.fmax(np.abs(value), 1.0)  # of what is not known, one
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = _changed(there, {name: sign * step}, own)
-                if ago > 0.0:
-                    moved = replace(self.motion, history=_Past(self.motion, set(), (ago, moved)))
-                ends.append(np.sum(self._moments(moved), axis=0))
-            slope = np.asarray((ends[0] - ends[1]) / (2.0 * step), dtype=complex)
-            if np.any(slope):
-                found[name] = slope
+        found: dict[float, dict[str, ComplexArray]] = {}
+        for ago in (0.0, *delays_requested(self.motion, self._moments)):
+            there, found[ago] = self.motion.delayed(ago), {}
+            own = _quantities(there)
+            for name, value in own.items():
+                step = MOMENT_SLOPE_STEP * np.fmax(np.abs(value), 1.0)  # of what is not known, one
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = _changed(there, {name: sign * step}, own)
+                    if ago > 0.0:
+                        moved = replace(self.motion, history=_Past(self.motion, set(), (ago, moved)))
+                    ends.append(np.sum(self._moments(moved), axis=0))
+                slope = np.asarray((ends[0] - ends[1]) / (2.0 * step), dtype=complex)
+                if np.any(slope):
+                    found[ago][name] = slope
         return found
 
     def _differences(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> dict[str, FloatArray]:
         """How much more each quantity is at the nodes (m, records) in some records than in others, where it is."""
-        pairs = list(zip(more, less, strict=True))
+        pairs, nodes = list(zip(more, less, strict=True)), self.reconstruction.nodes
         shifts = np.stack([xi - other for (_, xi), (_, other) in pairs], axis=1)
         rates = np.gradient(shifts, self.reconstruction.flight.time, axis=0)
-        found = _parts(*map(self.reconstruction.nodes.of, (shifts, rates)))
-        turning = self._difference([(one.transverse_rate, other.transverse_rate) for (one, _), (other, _) in pairs])
-        if turning is not None:
+        found = _parts(nodes.of(shifts), nodes.of(rates))
+        records = [(one, other) for (one, _), (other, _) in pairs]
+        if any(one.transverse_rate is not other.transverse_rate for one, other in records):
+            turned = [one.transverse_rate - other.transverse_rate for one, other in records]
+            turning = nodes.of(np.stack(turned, axis=1))
             found |= {"q": turning.real, "r": turning.imag}
         for name in _SCALARS:
-            read = [(getattr(one.flight, name), getattr(other.flight, name)) for (one, _), (other, _) in pairs]
-            change = self._difference(read)
-            if change is not None:
-                found[name] = change
+            read = [(getattr(one.flight, name), getattr(other.flight, name)) for one, other in records]
+            if any(one is not other for one, other in read):
+                found[name] = nodes.of(np.stack([one - other for one, other in read], axis=1))
         return found
-
-    def _difference(self, pairs: Sequence[tuple[Values, Values]]) -> Values | None:
-        """How much more one is than the other of pairs (n,), at the nodes (m, pairs); None where all are the same."""
-        if all(one is other for one, other in pairs):
-            return None
-        return self.reconstruction.nodes.of(np.stack([one - other for one, other in pairs], axis=1))
 
     def _earlier(self, changes: Mapping[str, FloatArray], ago: float, names: Collection[str]) -> dict[str, FloatArray]:
         """Changes (m, records) of some quantities so many seconds before; a motion is steady before its beginning."""
@@ -146,14 +139,12 @@ class MomentModel:
 
     def _moments(self, motion: Motion) -> tuple[ComplexArray, ComplexArray]:
         """C_m + i C_n (m,) on a motion at the nodes: of the baseline, and of all else."""
-        terms = evaluated(self.columns, self.mechanisms, motion)
-        found = []
+        terms, found = evaluated(self.columns, self.mechanisms, motion), []
         for baseline in (True, False):
             some = [j for j, each in enumerate(self.columns) if (each.mechanism in _BASELINE) is baseline]
-            weights = [self._weights[j] for j in some]
-            in_plane = summed((terms[j].in_plane for j in some), weights, motion.time)
-            out_of_plane = summed((terms[j].out_of_plane for j in some), weights, motion.time)
-            found.append(motion.to_body(in_plane, out_of_plane))
+            shapes = (terms[j].in_plane + 1j * terms[j].out_of_plane for j in some)
+            total = summed(shapes, (self._weights[j] for j in some), motion.time.astype(complex))
+            found.append(motion.to_body(total.real, total.imag))
         return found[0], found[1]
 
     @cached_property

@@ -8,7 +8,7 @@ motion needs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,9 +17,9 @@ from scipy.special import ndtri
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.propagated_motion import MOTION
-from brv_hypo.linearisation.response import LinearisedFlight
+from brv_hypo.linearisation.response import MOTION, LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
+from brv_hypo.model.term import term_column
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
@@ -176,16 +176,22 @@ def nuisances(
     has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
     before. What has no influence on a flight is left out.
     """
-    before = corrections or tuple({} for _ in flights)
+    before, frame = corrections or tuple({} for _ in flights), frame.with_mechanisms(vehicle)
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        flight, samples, grid = linearised.record.flight, frame.samples(number), _grid(frame, number, linearised)
-        known = linearised.known
+        flight, known = linearised.record.flight, linearised.known
+        samples, span = frame.samples(number), frame.span(number)
+        pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
+        grid = decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
         if MOTION not in known:
             known[MOTION] = [
-                (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
-                for item, history, noise in _of_motion(number, linearised)
+                (
+                    Nuisance(name, component, number, "1", 1.0, value),
+                    _kept(grid, history.at(samples)),
+                    None if noise is None else grid.of(noise[samples]),
+                )
+                for name, component, history, value, noise in linearised.motion()
             ]
         errors = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
         missing = [each for each in errors if (repr(each[0]), each[1].name) not in known]
@@ -208,7 +214,7 @@ def nuisances(
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(frame.span(number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
+        empty = FlightHistories(span, grid, walks[:0], Histories(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
     whole = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
@@ -222,20 +228,6 @@ def _kept(grid: DecimatedGrid, history: Histories) -> Histories:
     return Histories(grid.of(history.rates), grid.of(history.force))
 
 
-def _of_motion(number: int, linearised: LinearisedFlight) -> Iterator[tuple[Nuisance, Histories, ComplexArray | None]]:
-    """Motion and normal force of one flight: the history (n,) of each, and the noise (n,) in it."""
-    for name, history, value in linearised.start_and_gravity():
-        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, None
-    for name, history, value, noise in linearised.random_walk():
-        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, noise
-    for error in linearised.reconstruction.input_errors:
-        for k, history in enumerate(linearised.input_noise(error)):
-            yield Nuisance(error.name, str(k), number, "1", 1.0, 0.0), history, None
-    force = linearised.force.columns(linearised.record, linearised.crossflow)
-    for k, column in enumerate(force.T):
-        yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Histories(np.zeros_like(column), column), None
-
-
 def _of_record(
     number: int,
     linearised: LinearisedFlight,
@@ -245,19 +237,15 @@ def _of_record(
 ) -> list[tuple[RecordEffect, Component, Nuisance]]:
     """The errors of one record that are fitted along."""
     without_prior = {name: effect for (name, _), effect in free.items()}
-    wanted = [
-        (effect, component)
-        for effect in (*(each for each in effects if each.name not in without_prior), *without_prior.values())
-        for component in effect.components(linearised.record.flight)
-        if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in free
-    ]
     corrected, found = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}, []
-    for effect, component in wanted:
-        key, size = (effect.name, component.name), component.size
-        applied = corrected.get(key, 0.0) + before.get(key, 0.0)
-        present = np.nan if key in free else -applied / size
-        item = Nuisance(*key, number, component.units, size, present, applied, key not in free)
-        found.append((effect, component, item))
+    for effect in (*(each for each in effects if each.name not in without_prior), *without_prior.values()):
+        for component in effect.components(linearised.record.flight):
+            key, size = (effect.name, component.name), component.size
+            if effect.carried or isinstance(effect, RecordProcess) or key in free:
+                applied = corrected.get(key, 0.0) + before.get(key, 0.0)
+                present = np.nan if key in free else -applied / size
+                item = Nuisance(*key, number, component.units, size, present, applied, key not in free)
+                found.append((effect, component, item))
     return found
 
 
@@ -265,20 +253,11 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
     """Those, and what the tolerance of a mechanism allows that all flights share."""
     found = [_tolerated(frame, number, mechanism, shared=True) for number in range(len(known.flights))]
     acting = [each for each in zip(*found, strict=True) if any(np.any(history.rates) for _, history in each)]
-    flights = [
-        own.beside(
-            {place: _kept(own.grid, each[number][1]) for place, each in enumerate(acting, start=len(known.items))}
-        )
-        for number, own in enumerate(known.flights)
-    ]
+    flights, places = [], range(len(known.items), len(known.items) + len(acting))
+    for number, own in enumerate(known.flights):
+        kept = [_kept(own.grid, each[number][1]) for each in acting]
+        flights.append(own.beside(dict(zip(places, kept, strict=True))))
     return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
-
-
-def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> DecimatedGrid:
-    """The rows of one flight that are kept."""
-    span = frame.span(number)
-    pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
-    return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE))
 
 
 def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
@@ -296,21 +275,14 @@ def _tolerated(
 
     `shared`: all flights have it, and the tolerance is that of the flight in whose time histories are.
     """
-    flight = frame.reference if shared else number
-    sizes = mechanism.tolerance(frame.reconstructions[flight].flight)
-    if sizes is None:
-        return []
-    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[flight], {})]
-    terms, motion = mechanism.terms(frame.finer[number], {}), frame.finer[number]
-    body = np.stack([motion.to_body(term.in_plane, term.out_of_plane) for term in terms], axis=1)
-    own = [segment for segment in frame.segments if segment.flight == number]
-    parts = [s.integrate(body[s.nodes.rows]).plain.at_nodes[s.nodes.samples] for s in own]
-    rates = np.concatenate([np.zeros((0, len(names)), dtype=complex), *parts])
-    rates, of_flight = rates * np.asarray(sizes), None if shared else number
+    sizes = mechanism.tolerance(frame.reconstructions[frame.reference if shared else number].flight)
+    terms = () if sizes is None else mechanism.terms(frame.motions[number], {})
+    columns = [term_column(mechanism, term, flight=number) for term in terms]
+    flight, rates = None if shared else number, frame.columns(columns)[frame.span(number)]
     return [
         (
-            Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared),
-            Histories(own, np.zeros_like(own)),
+            Nuisance(mechanism.name, column.term, flight, column.units, size, 0.0, stated=not shared),
+            Histories(size * own, np.zeros_like(own)),
         )
-        for (name, units), size, own in zip(names, sizes, rates.T, strict=True)
+        for column, size, own in zip(columns, sizes or (), rates.T, strict=True)
     ]

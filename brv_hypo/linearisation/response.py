@@ -1,34 +1,28 @@
-"""`LinearisedFlight`: how rates and specific force change when the record, or the start of the motion, changes.
+"""The motion to linearise about, and how rates and specific force change when the record, or its start, changes.
 
-The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces, gravity and
-wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the random walk of the gyros'
-noise) enters the regression as unknowns with their priors, so that the answer to a perturbation is that of the whole
-estimate, to first order: an effect cannot hide in the motion, nor the motion's errors pose as an effect.
+`PropagatedMotion` is a motion by where it starts and how its attitude wanders by the gyros' white noise, a random walk
+that a few sines stand for (Karhunen-Loeve): a fit moves both. `LinearisedFlight` propagates from the reconstruction's
+start: attitude from the gyros, velocity from forces, gravity and wind. What the reconstruction estimates (direction of
+the velocity at the start, gravity, the walk) enters the regression as unknowns with their priors, so that the answer to
+a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the motion's
+errors pose as an effect.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.linearisation.channels import ForceModel, Histories
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
-from brv_hypo.linearisation.propagated_motion import (
-    GRAVITY,
-    START,
-    PropagatedMotion,
-    walk_modes,
-    walk_name,
-    walk_noise,
-    walk_sines,
-)
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import (
@@ -36,20 +30,151 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
+    inertial_record,
     transverse_axes,
     wind_direction,
     wind_to_body,
 )
-from brv_hypo.motion.inputs import ROLL_RATE
-from brv_hypo.motion.interpolation import running_integral, spacing
+from brv_hypo.motion.inputs import ROLL_RATE, smoothed_inputs
+from brv_hypo.motion.interpolation import SplineGrid, running_integral, spacing
+from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
+from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, noise_free, perturbed
-from brv_hypo.motion.signals import InputError
+
+WALK_FEWEST_MODES = 10  # sines of the attitude's random walk
+WALK_MOST_MODES = 80  # bounds the time
+# Sines for each cycle of the motion. A walk at frequency f turns the vehicle by the static moment, which is (f_n / f)^2
+# of the noise that the walk is made of: half as fast again as the motion, with two sines a cycle, it is lost in it.
+WALK_MODES_PER_CYCLE = 3.0
+WALK_LEFT_OUT = 0.8  # standard deviations of alpha, of what the sines may leave of the walk
+
+
+def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
+    """How many sines stand for the random walk.
+
+    What they leave of it is less than alpha's own uncertainty, and faster than what the motion answers to. The variance
+    beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    """
+    size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
+    wanted = 2.0 / np.pi**2 * (size / (WALK_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
+    wanted = max(wanted, WALK_MODES_PER_CYCLE * cycles(reconstruction.motion))
+    return int(np.clip(np.ceil(wanted), WALK_FEWEST_MODES, WALK_MOST_MODES))
+
+
+def cycles(motion: Motion) -> float:
+    """Cycles of the crossflow over the record, in axes that do not roll."""
+    roll = np.asarray(cumulative_trapezoid(motion.p, motion.time, initial=0), dtype=float)
+    turned = crossflow(motion.alpha, motion.windward_meridian) * np.exp(1j * roll)
+    rate = np.gradient(turned, motion.time)
+    frequency = np.linalg.norm(rate) / max(float(np.linalg.norm(turned - turned.mean())), 1e-300)
+    return float(frequency * (motion.time[-1] - motion.time[0]) / (2.0 * np.pi))
+
+
+def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArray]:
+    """Sines (n, count) rad of a random walk, each of unit prior variance, and the gyros' noise (n, count) rad/s that
+    they are the integrals of.
+    """
+    order, duration, step = np.pi * (np.arange(count) + 0.5), record.time[-1], record.flight.step
+    angle = np.outer(record.time / duration, order)
+    sigma = record.gyro_walk.sigma_at(order * step / duration)  # of white noise as loud at each frequency
+    sines = sigma * np.sqrt(2.0 * duration * step) / order * np.sin(angle)
+    return sines, sigma * np.sqrt(2.0 * step / duration) * np.cos(angle)
+
+
+# Names of a motion's unknowns: what a fit says that it has too much of.
+MOTION = "motion"
+START = ("start y", "start z")
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+
+
+def walk_name(axis: str, number: int) -> str:
+    """Name of a sine of the walk about an axis, y or z."""
+    return f"walk {axis} {number}"
+
+
+@dataclass(frozen=True)
+class PropagatedMotion:
+    """A motion by its `start` and the `walk` (n,) rad of the attitude across the velocity, in axes carried along it."""
+
+    start: WindStart
+    walk: ComplexArray
+
+    @classmethod
+    def of(cls, record: InertialRecord, reconstruction: Reconstruction) -> PropagatedMotion:
+        """That of a reconstruction."""
+        direction = wind_direction(record, reconstruction.start)
+        offset = reconstruction.crossflow - body_crossflow(record, direction)
+        return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, direction))))
+
+    def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
+        """The motion without what a fit about it found too much, by (MOTION, name)."""
+        first, second = (found.get((MOTION, name), 0.0) for name in START)
+        across, beside = transverse_axes(self.start.direction[np.newaxis])
+        direction = self.start.direction - first * across[0] - second * beside[0]
+        pull = gravity_size(record.flight) * np.array([found.get((MOTION, name), 0.0) for name in GRAVITY])
+        count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
+        weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
+        return PropagatedMotion(
+            WindStart(direction / np.linalg.norm(direction), self.start.gravity - pull),
+            self.walk - walk_sines(record, count)[0] @ np.array(weights, dtype=complex),
+        )
+
+    def crossflow(self, record: InertialRecord) -> ComplexArray:
+        """The crossflow (n,) of a record that moves so."""
+        direction = wind_direction(record, self.start)
+        return body_crossflow(record, direction) + wind_to_body(record, direction) * self.walk
+
+
+def linearisation_point(
+    reconstruction: Reconstruction, config: ReconstructionConfig, motion: PropagatedMotion | None = None
+) -> tuple[InertialRecord, Reconstruction]:
+    """The flight with what was found of its errors taken out, and the motion to linearise about.
+
+    `motion` is that of a fit whose errors are out of the flight already: nothing more is taken out then. A new one from
+    the forces alone would lie as far off as they leave it, and the next fit as far from linear as the last.
+    """
+    if motion is not None:  # the flight is taken as it reads, under this gravity
+        none_found = tuple(replace(each, value=0.0) for each in reconstruction.effects)
+        as_read = replace(reconstruction, corrected=reconstruction.flight, effects=none_found)
+        reconstruction = replace(as_read, gravity_body=motion.start.gravity)
+    flight, errors = smoothed_inputs(reconstruction, reconstruction.corrected)
+    record = inertial_record(flight, config)
+    read = replace(
+        reconstruction.motion,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
+    )
+    smooth = replace(reconstruction, flight=flight, motion=read, input_errors=errors)
+    if motion is None:
+        motion, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))[0]
+        # The faster part follows errors as they turn with the body, and those are unknowns of their own.
+        motion = replace(motion, walk=sines @ np.linalg.lstsq(sines, motion.walk, rcond=None)[0])
+    before, after = smooth.crossflow, motion.crossflow(record)
+    rate = crossflow_rate(read, before) + np.gradient(after - before, read.time)
+    moved = with_crossflow(replace(read, history=None), after, rate)
+    moved = replace(
+        moved,
+        windward_meridian=np.unwrap(windward_meridian(after)),  # not next to that before: near alpha = 0 it is another
+        roll_acceleration=SplineGrid.on(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
+        axial_share=axial_share(record, moved.alpha),
+    )
+    return record, replace(smooth, motion=recorded(moved))
+
+
+# ---- What a change of the record does to the residual ----
 
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
-RESPONSE_TURN = 1e-5  # rad, half the width of differences by the start's direction
-RESPONSE_PULL = 5e-3  # m/s^2, the same by gravity
+RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 m/s^2 of gravity
 Moved = TypeVar("Moved")
+MotionUnknown = tuple[str, str, Histories, float, ComplexArray | None]
+"""Name, component, derivative of the residual (n,), present value in units of the prior (NaN where there is none), and
+the noise (n,) rad/s that one unit of it is in the derolled rates.
+"""
 
 
 @dataclass(frozen=True)
@@ -76,12 +201,8 @@ class LinearisedFlight:
 
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
-        return spacing(
-            self.reconstruction.motion.windward_meridian_rate,
-            self.reconstruction.motion.p,
-            self.record.flight.step,
-            per_cycle,
-        )
+        motion = self.reconstruction.motion
+        return spacing(motion.windward_meridian_rate, motion.p, self.record.flight.step, per_cycle)
 
     @cached_property
     def crossflow(self) -> ComplexArray:
@@ -90,25 +211,30 @@ class LinearisedFlight:
 
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
-        for some in self._so_many(wanted):
-            both = (self._read(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
-            yield from self._slopes(self._quiet_moments, *both)
+        return self._derivatives(self._quiet_moments, wanted, self._read)
 
-    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> Iterator[InertialRecord]:
+    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> list[MovedRecord]:
         """The noise-free record with a share of each error: motion of the measured rates, rates of the model."""
-        smooth = self._noise_free
+        smooth, found = self._noise_free, []
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
             read = effect.perturb(self._as_modelled, component, value)
-            yield replace(record, flight=replace(record.flight, q=read.q, r=read.r))
+            found.append(replace(record, flight=replace(record.flight, q=read.q, r=read.r)))
+        return self._propagated(found)
 
-    def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
-        """Lists of what records are moved by, so many at once that the records stay small, to either side."""
+    def _derivatives(
+        self, moments: MomentModel, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[MovedRecord]]
+    ) -> Iterator[Histories]:
+        """Derivatives of the residual (n,) by each of some things; `moved` has the records that a share of each makes.
+
+        So many at once that the records stay small, to either side.
+        """
         remaining = iter(each)
-        width = 1 + AT_ONCE // (2 * self.record.flight.samples)
-        while some := list(itertools.islice(remaining, width)):
-            yield some
+        while some := list(itertools.islice(remaining, 1 + AT_ONCE // (2 * self.record.flight.samples))):
+            more, less = (moved(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
+            found = self._changes(moments, more, less).times(1.0 / RESPONSE_STEP)
+            yield from map(Histories, found.rates.T, found.force.T)
 
     @cached_property
     def _as_modelled(self) -> Flight:
@@ -117,12 +243,12 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        own, factors, kept = self._unintegrated(self._propagated([(smooth, self.reconstruction.start)]))
+        own, factors, kept = self._unintegrated(self._propagated([smooth]))
         nodes = self.reconstruction.nodes
-        (left,) = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept)))
+        left = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept))).rates[:, 0]
         for a, b in smooth.flight.segments:
-            left.rates[a:b] -= left.rates[a:b].mean()
-        rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
+            left[a:b] -= left[a:b].mean()
+        rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     @cached_property
@@ -133,130 +259,101 @@ class LinearisedFlight:
         """
         return noise_free(self.record, self.force.at(self.record, self.crossflow, self.force_values))
 
-    def input_noise(self, error: InputError) -> Iterator[Histories]:
-        """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
+    def motion(self) -> Iterator[MotionUnknown]:
+        """What the motion and the normal force are fitted by."""
+        yield from itertools.chain(self.start_and_gravity(), self.random_walk())
+        for error in self.reconstruction.input_errors:
+            shapes = error.shapes(self.record.flight.time)
+            read = partial(self._with_input_error, error.name)
+            for k, history in enumerate(self._derivatives(self._moments, shapes, read)):
+                yield error.name, str(k), history, 0.0, None
+        for k, column in enumerate(self.force.columns(self.record, self.crossflow).T):
+            yield "force", str(k), Histories(np.zeros_like(column), column), np.nan, None
 
-        A weight is what the record, as smoothed, has of that shape too much.
-        """
-        for some in self._so_many(error.shapes(self.record.flight.time)):
-            both = (
-                perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
-                for share in (0.5 * RESPONSE_STEP, -0.5 * RESPONSE_STEP)
-            )
-            yield from self._slopes(self._moments, *both)
-
-    def _with_input_error(self, error: InputError, change: FloatArray) -> Flight:
-        """The flight whose input reads so much (n,) more, the pressure of its own size."""
+    def _with_input_error(self, name: str, changes: Sequence[FloatArray], share: float) -> list[MovedRecord]:
+        """The records whose input, as smoothed, has a share of each change (n,) too much, the pressure of its size."""
         flight = self.record.flight
-        if error.name == ROLL_RATE:
-            return replace(flight, p=flight.p + change)
-        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
+        if name == ROLL_RATE:
+            read = [replace(flight, p=flight.p + share * each) for each in changes]
+        else:
+            read = [replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + share * x)) for x in changes]
+        return self._propagated(perturbed(self.record, read))
 
-    def start_and_gravity(self) -> Iterator[tuple[str, Histories, float]]:
-        """Name, derivative by what the reconstruction estimates, and present value in units of its prior.
+    def start_and_gravity(self) -> Iterator[MotionUnknown]:
+        """Direction of the velocity at the start (two, no prior) and gravity (three, prior its size)."""
+        start, size = self.reconstruction.start, gravity_size(self.record.flight)
+        across = [RESPONSE_TURN * axis[0] for axis in transverse_axes(start.direction[np.newaxis])]
+        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in np.eye(3))]
 
-        Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
-        """
-        start = self.reconstruction.start
-        second, third = transverse_axes(start.direction[np.newaxis])
-        size = gravity_size(self.record.flight)
-        turned = [RESPONSE_TURN * axis[0] for axis in (second, third)]
-        pulled = [RESPONSE_PULL * axis for axis in np.eye(3)]
-        both = (
-            [
-                *(replace(start, direction=start.direction + sign * turn) for turn in turned),
-                *(replace(start, gravity=start.gravity + sign * pull) for pull in pulled),
-            ]
-            for sign in (1.0, -1.0)
-        )
-        per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
-        moved = (self._propagated([(self.record, start) for start in starts]) for starts in both)
-        changes = self._changes(self._moments, *moved)
-        present = [np.nan, np.nan, *(start.gravity / size).tolist()]
-        for name, change, unit, value in zip((*START, *GRAVITY), changes, per_unit, present, strict=True):
-            yield name, change.times(unit), value
+        def moved(some: Sequence[tuple[str, FloatArray]], share: float) -> list[MovedRecord]:
+            starts = [replace(start, **{name: getattr(start, name) + share * each}) for name, each in some]
+            return [each for other in starts for each in self._propagated([self.record], other)]
 
-    def random_walk(self) -> Iterator[tuple[str, Histories, float, ComplexArray]]:
-        """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
+        present, per_unit = [np.nan, np.nan, *(start.gravity / size).tolist()], [1.0 / RESPONSE_TURN] * 2 + [size] * 3
+        found = self._derivatives(self._moments, changes, moved)
+        for name, change, unit, value in zip((*START, *GRAVITY), found, per_unit, present, strict=True):
+            yield MOTION, name, change.times(unit), value, None
 
-        Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
-        is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
+    def random_walk(self) -> Iterator[MotionUnknown]:
+        """What the gyros' white noise makes of the attitude: sines of a random walk across the velocity, of prior 1.
+
+        The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
         """
         turn = wind_to_body(self.record, wind_direction(self.record, self.reconstruction.start))
-        count = walk_modes(self.record, self.reconstruction)
-        walk, noise = walk_sines(self.record, count), walk_noise(self.record, count)
-        weights = PropagatedMotion.of(self.record, self.reconstruction).weights(walk)
+        walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
+        weights = np.linalg.lstsq(walk, PropagatedMotion.of(self.record, self.reconstruction).walk, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)
-        modes = [
-            (walk_name(axis, number), number, part, float(value))
-            for number, weight in enumerate(weights)
-            for axis, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
-        ]
-        for some in self._so_many(modes):
-            half = [0.5 * RESPONSE_STEP * part * turn * walk[:, number] for _, number, part, _ in some]
-            both = ([(self.record, self.crossflow + sign * each) for each in half] for sign in (1.0, -1.0))
-            for (name, number, part, present), change in zip(some, self._changes(self._moments, *both), strict=True):
-                yield name, change.times(1.0 / RESPONSE_STEP), present, 1j * part * derolled * noise[:, number]
+        modes = [(axis, part, k) for k in range(weights.size) for axis, part in (("y", 1.0), ("z", 1j))]
 
-    def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Histories]:
-        """Derivatives from records by half a step to either side."""
-        moved = (self._propagated((record, self.reconstruction.start) for record in records) for records in both)
-        changes = self._changes(moments, *moved)
-        return (change.times(1.0 / RESPONSE_STEP) for change in changes)
+        def moved(some: Sequence[tuple[str, complex, int]], share: float) -> list[MovedRecord]:
+            return [(self.record, self.crossflow + share * part * turn * walk[:, k]) for _, part, k in some]
 
-    def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
-        """Each record with its crossflow (n,) had the motion started there."""
-        return [
-            (record, self.crossflow + (body_crossflow(record, wind_direction(record, start)) - self._open_loop))
-            for record, start in moved
-        ]
+        found = self._derivatives(self._moments, modes, moved)
+        for (axis, part, k), change in zip(modes, found, strict=True):
+            present = float((weights[k] / part).real)
+            yield MOTION, walk_name(axis, k), change, present, 1j * part * derolled * noise[:, k]
+
+    def _propagated(self, records: Iterable[InertialRecord], start: WindStart | None = None) -> list[MovedRecord]:
+        """Each record with its crossflow (n,) had the motion started there, or as the reconstruction has it."""
+        start = start or self.reconstruction.start
+        flows = ((each, body_crossflow(each, wind_direction(each, start))) for each in records)
+        return [(record, self.crossflow + (flow - self._open_loop)) for record, flow in flows]
 
     @cached_property
     def _open_loop(self) -> ComplexArray:
         return body_crossflow(self.record, wind_direction(self.record, self.reconstruction.start))
 
-    def _changes(
-        self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]
-    ) -> list[Histories]:
-        """What the residuals of some records have more than those of others; their moments are integrated at once."""
+    def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Histories:
+        """What the residuals (n, records) of some records have more than those of others."""
         nodes = self.reconstruction.nodes
         (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
         changes = moments.changes(more, less, nodes.of(kept - other_kept))
         integrands = nodes.of(0.5 * (factors + other_factors)) * changes
         integrands += nodes.of(factors - other_factors) * moments.usual(nodes.of(0.5 * (kept + other_kept)))
-        return self._integrated([one - other for one, other in zip(own, others, strict=True)], integrands)
+        return self._integrated(own - others, integrands)
 
-    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[list[Histories], ComplexArray, FloatArray]:
-        """The residual of records at a crossflow but for the moments, the factors (n, records) of these, and how much
-        they keep (see `MomentModel.usual`).
+    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[Histories, ComplexArray, FloatArray]:
+        """The residual (n, records) of records at a crossflow but for the moments, the factors of these, and how much
+        they keep: pressure and inertia of the linearisation point over the record's (see `MomentModel.usual`).
         """
-        angles = {id(record.spin_angle): record.spin_angle for record, _ in moved}
+        records = [record for record, _ in moved]
+        angles = {id(record.spin_angle): record.spin_angle for record in records}  # most are the same
         turns = {key: np.exp(1j * angle) for key, angle in angles.items()}
-        derotations = [turns[id(record.spin_angle)] for record, _ in moved]
-        scales = [record.moment_scale for record, _ in moved]
-        factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
-        own = [
-            Histories(
-                (record.flight.q + 1j * record.flight.r) * turn,
-                record.transverse_force - self.force.at(record, xi, self.force_values),
-            )
-            for (record, xi), turn in zip(moved, derotations, strict=True)
-        ]
-        return own, factors, np.stack([self._kept(scale) for scale in scales], axis=1)
+        turn: ComplexArray = np.stack([turns[id(record.spin_angle)] for record in records], axis=1)
+        rates = np.stack([each.flight.q + 1j * each.flight.r for each in records], axis=1)
+        scale = np.stack([each.moment_scale for each in records], axis=1)
+        residual = [each.transverse_force - self.force.at(each, xi, self.force_values) for each, xi in moved]
+        usual = self.record.moment_scale[:, np.newaxis]
+        kept = np.divide(usual, scale, out=np.ones_like(scale), where=scale != 0.0)
+        return Histories(rates * turn, np.stack(residual, axis=1)), turn * scale, kept
 
-    def _integrated(self, own: Sequence[Histories], integrands: ComplexArray) -> list[Histories]:
-        """The residual with its moments."""
-        nodes, rates = self.reconstruction.nodes, [each.rates.copy() for each in own]
+    def _integrated(self, own: Histories, integrands: ComplexArray) -> Histories:
+        """The residual (n, records) with its moments, which are integrated at once."""
+        nodes, rates = self.reconstruction.nodes, own.rates.copy()
         for a, b in self.record.flight.segments:
             part = nodes.rows(a, b)
-            integral = running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
-            for k, each in enumerate(rates):
-                each[a:b] -= integral[:, k]
-        return [Histories(each, rows.force) for each, rows in zip(rates, own, strict=True)]
-
-    def _kept(self, scale: FloatArray) -> FloatArray:
-        """Pressure and inertia of the linearisation point over those of a record with this moment scale (n,)."""
-        return np.divide(self.record.moment_scale, scale, out=np.ones_like(scale), where=scale != 0.0)
+            rates[a:b] -= running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
+        return Histories(rates, own.force)
 
     @cached_property
     def _moments(self) -> MomentModel:
@@ -267,5 +364,5 @@ class LinearisedFlight:
     @cached_property
     def _quiet_moments(self) -> MomentModel:
         """The moment model about the noise-free record's."""
-        (quiet,) = self._propagated([(self._noise_free, self.reconstruction.start)])
+        (quiet,) = self._propagated([self._noise_free])
         return self._moments.about(quiet, (self.record, self.crossflow))

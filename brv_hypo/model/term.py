@@ -53,6 +53,12 @@ class TimeBasis:
         return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
 
 
+ALWAYS = TimeBasis("constant")
+
+
+# ---- Regressors: which coefficient, of which mechanism, with which basis in time ----
+
+
 Choice = tuple[str, str | None, Theta, TimeBasis, int | None]
 
 
@@ -141,7 +147,7 @@ def candidates(
 
 
 def term_column(
-    mechanism: Mechanism, term: Term, theta: Theta, time_basis: TimeBasis, flight: int | None = None
+    mechanism: Mechanism, term: Term, theta: Theta = (), time_basis: TimeBasis = ALWAYS, flight: int | None = None
 ) -> Regressor:
     """The regressor of one of a mechanism's terms at a theta, with a basis in time."""
     return Regressor(

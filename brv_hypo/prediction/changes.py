@@ -24,7 +24,7 @@ from brv_hypo.comparison.limits import Shape, regions
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
-from brv_hypo.model.term import Regressor, TimeBasis, term_column
+from brv_hypo.model.term import Regressor, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.prediction.result import Difference, LocalChange
 
@@ -61,8 +61,8 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
     """
     rows, known = own.rows, np.flatnonzero(~np.isnan(fixed))
     x = rows.of_moments(rows.frame, columns)
-    changed, always = ChangedSchedule(), TimeBasis("constant")
-    throughout = [term_column(changed, term, (), always) for term in changed.terms(rows.frame.motions[0], {})]
+    changed = ChangedSchedule()
+    throughout = [term_column(changed, term) for term in changed.terms(rows.frame.motions[0], {})]
     x_changed = rows.of_moments(rows.frame.with_mechanisms([changed]), throughout)
     free = orth(np.column_stack([np.delete(x, known, axis=1), x_changed]))
     variances, directions = np.linalg.eigh(covariance)

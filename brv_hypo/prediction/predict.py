@@ -33,7 +33,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, slope
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, first_values
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors
@@ -42,7 +42,7 @@ from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
@@ -119,20 +119,16 @@ def predict(
     content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, refitted, _in_blocks(record, chosen))
-    return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
-
-
-def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
-    """The settings with no more blocks than the record has samples for: nothing is chosen by them here."""
-    most = flight.samples // HELD_OUT_SHORTEST
+    most = record.samples // HELD_OUT_SHORTEST  # blocks, by which nothing is chosen here
     if most < PREDICTED_BLOCKS:
         raise UnanswerableError(
-            f"the record holds {flight.samples} samples in the window, expected at least "
+            f"the record holds {record.samples} samples in the window, expected at least "
             f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to know its motion and noise. Widen --start and --stop."
         )
-    return config.model_copy(update={"blocks": min(config.blocks, most)})
+    chosen = chosen.model_copy(update={"blocks": min(chosen.blocks, most)})
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = _predict(record, content, path, refitted, chosen)
+    return found.model_copy(update={"record": record_summary([try_record(own)[1]])})
 
 
 def _predict(
@@ -143,19 +139,20 @@ def _predict(
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
-    measured, everywhere = data.moments(data.frame.observed), np.ones(data.frame.observed.size, dtype=bool)
-    left, own, left_within = fit.left, _freed(fit, tuple(c.mechanism for c in columns)).left, within.left
+    measured, left, left_within = data.moments(data.frame.observed), fit.left, within.left
+    own = _freed(fit, tuple(column.mechanism for column in columns)).left
     errors = ErrorsOfPrediction(
-        without=measured.mean_square(everywhere),
-        frozen=left.mean_square(everywhere),
-        own=own.mean_square(everywhere),
-        noise=measured.mean_square_of_noise(everywhere),
+        without=measured.mean_square(),
+        frozen=left.mean_square(),
+        own=own.mean_square(),
+        noise=measured.mean_square_of_noise(),
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
     change, difference, differs, misfit = None, None, False, float("nan")
     covariance[np.ix_(known, known)] = known_by
-    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
+    motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
+    mach = motion.mach[samples]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
         beside = beside_processes(fit, fit.model, fit.problem.rows.part)
@@ -177,7 +174,10 @@ def _predict(
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
             change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
-    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
+    slopes = per_coefficient(data.frame, columns, 0, motion, motion.alpha, slope) @ within.values
+    stiffness, modes = slopes * data.records[0].moment_scale, fit.problem.rows.nuisances.flights[0].walks.size // 2
+    noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
+    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(columns, fit.values, covariance, data.frame)
     found = Prediction(
@@ -200,7 +200,7 @@ def _predict(
         reason="",
     )
     of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
-    rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
+    rest, freely = (_unexplained(measured, each, errors.noise) for each in (left, left_within))
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
     more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
@@ -209,10 +209,7 @@ def _predict(
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
-    """The rms residual over the record's noise, a term of this F-ratio taken out.
-
-    The noise's level has a narrow prior: a residual far beyond it has another rms.
-    """
+    """The rms residual over the record's noise, whose level has a narrow prior; a term of this F-ratio taken out."""
     squares = float(np.sum(own.residual[own.rows.counted] ** 2)) - gain * own.noise**2
     return own.rows.noise_ratio * math.sqrt(max(squares, 0.0) / own.rows.size)
 
@@ -252,7 +249,8 @@ def _frozen(
         data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-        fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
+        values = first_values(data.frame, data.whole, model.columns)
+        fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
         # What has no prior was found on this very record, and is taken out of it.
         held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
@@ -346,8 +344,8 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
                     f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
                     f"Leave {name} out, or predict with such a model."
                 )
-            motion = correct(source, model).reconstructions[0].motion
-            more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
+            motion = correct(source, model).frame.motions[0]
+            more = tuple(term_column(item, term) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
         elif item is not None:
             effects.append(name)
@@ -373,15 +371,6 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
     first, second = (float(np.sum((power / frequency**k)[faster]) / np.sum(power)) for k in (2, 4))
     turned = stiffness * flight.step**2
     return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
-
-
-def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
-    """1-sigma (rows,) of the gyros' noise in the residual moments."""
-    record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
-    slopes = per_coefficient(fit.data.frame, fit.model.columns, 0, motion, motion.alpha, slope) @ fit.values
-    stiffness = (slopes * record.moment_scale)[fit.data.frame.samples(0)]
-    modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
-    return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
 
 def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
@@ -443,7 +432,7 @@ def band_of(
 
 def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.frame.samples(0)]
+    time, mach = data.frame.time, data.frame.motions[0].mach[data.frame.samples(0)]
     found = []
     for start, stop in itertools.pairwise(np.linspace(time.min(), time.max(), _REGIONS + 1).tolist()):
         inside = (time >= start) & (time <= stop) & left.usable
@@ -457,7 +446,7 @@ def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) 
 
 def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
-    motion, samples = data.reconstructions[0].motion, data.frame.samples(0)
+    motion, samples = data.frame.motions[0], data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in ends.items():
         values = getattr(motion, name)[samples]
@@ -465,8 +454,10 @@ def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArra
     return there
 
 
-def _unexplained(measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray) -> float:
-    """The share of the moments' mean square, noise aside, that a model does not explain over some samples (rows,)."""
-    if not np.any(left.usable & kept):
+def _unexplained(
+    measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray | slice = slice(None)
+) -> float:
+    """The share of the moments' mean square, noise aside, that a model does not explain over all or some samples."""
+    if not np.any(left.usable[kept]):
         return 1.0
     return max(left.mean_square(kept) - noise, 0.0) / max(measured.mean_square(kept) - noise, 1e-300)

@@ -111,14 +111,11 @@ class Prediction(HasCharts, Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
-    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
-    `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
-    `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
-    coefficient is frozen, is more than chance makes it.
-    `misfit`: the rms residual over the noise, beside processes and with coefficients as this flight has them; NaN where
-    nothing is tested. `own_record`: the model was estimated from this very record, so that nothing is tested.
-    `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
-    the flight's record found.
+    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there. `refused`:
+    there is a `local_change` of slope or damping, or `difference` is more than chance makes it; None where there is
+    none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients
+    as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that
+    belong to the times of the model's own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -168,8 +165,6 @@ _OWN_RECORD = (
     "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
-_FIXED = " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
-_NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 _NOWHERE = (
     "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts nothing about "
     "this flight."
@@ -203,8 +198,10 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if band.inside < PREDICTED_HOLDS:
-        said += _FIXED if found.own_record else _NARROW
+    if band.inside < PREDICTED_HOLDS and found.own_record:
+        said += " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
+    elif band.inside < PREDICTED_HOLDS:
+        said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         less = f", without {', '.join(found.left_out)}," if found.left_out else ""
         said += (
@@ -216,45 +213,40 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
             "the model was found at, and are not counted in these shares."
         )
-    differs = _contradicted(found.difference) + _changed(found.local_change)
+    said += _differs(found) + helps
+    if found.left_out:
+        act, are = ("acts", "is") if len(found.left_out) == 1 else ("act", "are")
+        names = ", ".join(found.left_out)
+        said += f" {names} of the model {act} at times of the flight that it was found on, and {are} left out."
+    return said
+
+
+def _differs(found: Prediction) -> str:
+    """In what this flight contradicts the model."""
+    difference, change, said = found.difference, found.local_change, ""
     if found.lacks_an_effect:
-        differs = (
+        return (
             f" Beside processes and with coefficients of its own, this flight's residual is still {found.misfit:.2g} "
             "times the noise: something acts that the model lacks, and a coefficient that differs may only stand for "
             "it. `brv-hypo compare` on this flight tells more."
         )
-    return said + differs + helps + _without(found.left_out)
-
-
-def _contradicted(difference: Difference | None) -> str:
-    if difference is None or difference.p_value >= REFUSED:
-        return ""
-    units = "" if difference.units == "1" else f" {difference.units}"
-    beside = ", processes fitted beside the model" if difference.beside_processes else ""
-    return (
-        f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
-        f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
-        f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
-    )
-
-
-def _changed(change: LocalChange | None) -> str:
-    if change is None:
-        return ""
-    mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
-    units = "" if change.units == "1" else f" {change.units}"
-    return (
-        f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
-        f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
-        f"(F {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
-    )
-
-
-def _without(left_out: Sequence[str]) -> str:
-    if not left_out:
-        return ""
-    act, are = ("acts", "is") if len(left_out) == 1 else ("act", "are")
-    return f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left out."
+    if difference is not None and difference.p_value < REFUSED:
+        units = "" if difference.units == "1" else f" {difference.units}"
+        beside = ", processes fitted beside the model" if difference.beside_processes else ""
+        said = (
+            f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
+            f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
+            f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
+        )
+    if change is not None:
+        mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
+        units = "" if change.units == "1" else f" {change.units}"
+        said += (
+            f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
+            f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
+            f"(F {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
+        )
+    return said
 
 
 def _explains(share: float) -> str:

@@ -25,7 +25,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, rows_of
-from brv_hypo.linearisation.channels import most_blocks, split
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, split
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
@@ -110,28 +110,28 @@ class Candidate:
         return self.null.information - self.fit.information
 
     @property
+    def explains(self) -> float:
+        """Share of the weighed squares that it saves."""
+        return 1.0 - self.fit.rss / self.null.rss
+
+    @cached_property
+    def fall(self) -> float:
+        """Fall of the weighed squares in effective samples."""
+        fit = self.fit
+        return max(self.null.rss - fit.rss, 0.0) / (fit.rss / (fit.samples - fit.parameters)) * fit.efficiency
+
+    @property
     def f_ratio(self) -> float:
         """Of all that it adds."""
-        fit, extra = self.fit, self.fit.parameters - self.null.parameters
-        return max((self.null.rss - fit.rss) / extra, 0.0) / (fit.rss / (fit.samples - fit.parameters))
+        return self.fall / (self.fit.parameters - self.null.parameters) / self.fit.efficiency
 
     @cached_property
     def p_value(self) -> float:
         """Chance of that, paid for all that was searched for it."""
         fit, extra = self.fit, self.fit.parameters - self.null.parameters
-        chance = float(stats.f.sf(self.f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
+        chance = float(stats.f.sf(self.fall / extra, extra, max(fit.effective - fit.parameters, 1.0)))
         chosen = len({column.choice for column in fit.selected})
         return min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0)
-
-    @cached_property
-    def fall(self) -> float:
-        """Fall of the weighed squares in effective samples."""
-        return self.f_ratio * (self.fit.parameters - self.null.parameters) * self.fit.efficiency
-
-    @property
-    def explains(self) -> float:
-        """Share of the weighed squares that it saves."""
-        return 1.0 - self.fit.rss / self.null.rss
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -178,13 +178,6 @@ def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """The schedules that explain not much less than the best candidate, in their order."""
     most = max((candidate.gain for candidate in ranked), default=0.0)
     return tuple(c for c in ranked if c.follows is not None and c.gain >= LOOP_SCHEDULE * most)
-
-
-def ranked(candidates: Sequence[Candidate], scheduled: bool) -> tuple[Candidate, ...]:
-    """The candidates, the leader first; where the model is not `scheduled`, schedules that explain as much."""
-    found = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
-    first = () if scheduled else schedules_first(found)
-    return (*first, *(candidate for candidate in found if candidate not in first))
 
 
 # ---- With it: the model, and the blocks held out ----
@@ -422,9 +415,12 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is accepted.
 
-    What explains far less than the best does not stand in its place.
+    Where the model has no schedule, those that explain as much are the first. What explains far less than the best does
+    not stand in its place.
     """
-    choice, tried = Choice(fit, ranked(candidates, has_schedule(fit.model))), list[Tried]()
+    ranked = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
+    first, tried = () if has_schedule(fit.model) else schedules_first(ranked), list[Tried]()
+    choice = Choice(fit, (*first, *(candidate for candidate in ranked if candidate not in first)))
     for candidate in choice.significant:
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue
@@ -481,8 +477,9 @@ def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[st
 
 
 def _with_other_blocks(beside: Beside, fit: Fit) -> Iterator[Rows]:
-    """The rows of what is fitted where other blocks are held out."""
+    """The rows of what is fitted where other blocks are held out, of which each flight has enough samples."""
     problem, data = beside.rows.problem, fit.data
+    most = int(np.bincount(data.frame.flight_of_row).min()) // (HELD_OUT_SHORTEST + 1)
     numbers = (round(share * data.source.config.blocks) for share in LOOP_REPEATED_BLOCKS)
-    for blocks in dict.fromkeys(min(number, most_blocks(data.frame)) for number in numbers):
+    for blocks in dict.fromkeys(min(number, most) for number in numbers):
         yield rows_of(problem.on(split(data.frame, data.whole.valid, blocks)[0]), beside.point)

@@ -21,7 +21,7 @@ from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, the
 from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
 from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
-from brv_hypo.tracing.fit import Fit, history_name, with_efficiency
+from brv_hypo.tracing.fit import Fit, history_name
 
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 Variant = tuple[Applied, ...]
@@ -49,7 +49,8 @@ def analyse_step(
     tried += [_try_record_effect(fit, variants) for variants in catalogue.values()]
     found = [candidate for candidate in tried if candidate is not None]
     if found:
-        fit = replace(fit, problem=with_efficiency(fit.problem, likeliest([each.fit for each in found])))
+        best = likeliest([each.fit for each in found])
+        fit = replace(fit, problem=replace(fit.problem, efficiency=fit.problem.efficiency_of(best.residual)))
         for place, candidate in enumerate(found):
             own = bounded(fit.problem, replace(candidate.fit, efficiency=fit.problem.efficiency))
             found[place] = replace(candidate, null=fit.null, fit=own)
@@ -72,8 +73,7 @@ def generic_name(model: Model) -> str:
 
 def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Variant]:
     """The effect on these flights, as one variant where it has no settings to try, else one flight at a time."""
-    found: list[Variant] = []
-    together = True
+    found, together = list[Variant](), True
     for number, flight in flights.items():
         variants = effect.variants(flight)
         together &= variants == (effect,)

@@ -11,11 +11,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import baseline_columns
+from brv_hypo.linearisation.channels import first_values
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.model import Model, constant_moment
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.fit import Corrected, Flights, correct
 from brv_hypo.tracing.result import Baseline
@@ -56,7 +57,7 @@ def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline:
     if table:  # in place of a slope of its own
         (term,) = table[0].terms(motion, {})
         columns = tuple(column for column in columns if not column.term.startswith("C_malpha"))
-        columns = (*columns, term_column(table[0], term, (), TimeBasis("constant")))
+        columns = (*columns, term_column(table[0], term))
     model = model.but(columns=columns)
     slope, bends = _slope(model, data), any(is_bend(mechanism, motion) for mechanism in model.mechanisms.values())
     if slope is not None and not bends and (aero is None or len(aero.alpha) < 2):
@@ -70,6 +71,10 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
     if mach is None:
         return constant_moment(flights)
     decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
+    if decades is not None:  # a smooth function of Mach number is no quantity of its own
+        x, y = (np.concatenate([np.log10(getattr(each, name)) for each in flights]) for name in ("mach", "reynolds"))
+        if np.std(y - Polynomial.fit(x, y, TRACED_SMOOTH_DEGREE)(x)) <= TRACED_INDEPENDENT:
+            decades = None
     # Where Mach number hardly changes, the temperature of the air moves it as much as the speed, and a slope that goes
     # with the conditions of flight is no function of it alone.
     narrow = not SlopeSchedule(low=mach[0], high=mach[1], size=1.0).sizes.size
@@ -80,7 +85,7 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
         offset_degree=0,
         slope_degree=TRACED_SLOPE_DEGREE,
         by="mach",
-        reynolds=decades if decades is not None and _reynolds_is_independent(flights) else None,
+        reynolds=decades,
         speeds=wavering_speeds(histories, TRACED_SLOPE_DEGREE) if narrow else None,
     )
 
@@ -92,17 +97,6 @@ def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
         return None
     low, high = np.percentile(np.concatenate(known), TRACED_SPAN)
     return (float(low), float(high)) if high - low > TRACED_SMALLEST_SPAN * abs(high) else None
-
-
-def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
-    """Whether the decades of Reynolds number leave a smooth function of the decades of Mach number, all flights
-    together.
-    """
-    mach, reynolds = (
-        np.concatenate([np.log10(getattr(flight, name)) for flight in flights]) for name in ("mach", "reynolds")
-    )
-    left = reynolds - Polynomial.fit(mach, reynolds, TRACED_SMOOTH_DEGREE)(mach)
-    return float(np.std(left)) > TRACED_INDEPENDENT
 
 
 # ---- What its static moment may be more, within a prior ----
@@ -143,6 +137,6 @@ def _slope(model: Model, data: Corrected) -> float | None:
     static = model.mechanisms.get(StaticMoment.name)
     if not isinstance(static, StaticMoment):
         return None
-    pairs = zip(model.columns, data.values(data.whole, model.columns).tolist(), strict=True)
+    pairs = zip(model.columns, first_values(data.frame, data.whole, model.columns).tolist(), strict=True)
     by_term = {column.term: value for column, value in pairs if column.mechanism == static.name}
     return static.mean_slope(data.frame.motions[0], by_term) if by_term else None

@@ -24,7 +24,6 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import turning_rates
 from brv_hypo.io.text import times
-from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
     Factor,
@@ -35,7 +34,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
     YamlTerm,
     values_of,
 )
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import ALWAYS, Regressor
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.families import Beside
 
@@ -187,12 +186,24 @@ class Described(YamlMechanism):
 
 
 def described(problem: Problem, name: str) -> HypothesisFit | None:
-    """The entry of the dictionary that explains most beside the model, throughout; None if none explains anything."""
+    """The entry of the dictionary that explains most beside the model, throughout, at its best place; None if none
+    explains anything. Of functions that this flight cannot tell apart, one of the first quantity.
+    """
     offered = entries(problem.frame.motions)
     gains = _gains(problem, offered)
     if not gains or max(gains) <= 0.0:
         return None
-    mechanism = Described.by(name, _best(problem, offered, gains))
+    leaders = [offered[int(np.argmax(gains))]]
+    if leaders[0].follows is not None:
+        # Between the places of a grid a step of another width or quantity may look like more than the right one.
+        order = sorted(range(len(offered)), key=lambda k: gains[k])
+        changing = [offered[k] for k in order if offered[k].follows is not None]
+        leaders = list({(entry.follows, entry.form): entry for entry in changing}.values())
+    moved, quantities = _moved(problem, leaders), list(_QUANTITIES)
+    known = _gains(problem, moved)
+    equal = [k for k, gain in enumerate(known) if gain > max(known) - CONFOUNDED_NEAR]
+    best = min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -known[k]))
+    mechanism = Described.by(name, moved[best])
     reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
     return solved(reduced, name, (mechanism,), (*problem.baseline, *_columns(mechanism)), len(offered))
 
@@ -245,26 +256,10 @@ def _gains(problem: Problem, chosen: Sequence[Entry]) -> list[float]:
     groups = [_columns(mechanism) for mechanism in mechanisms]
     batch = reduced.batch([column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    for own in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
-        right = reduced.right(own)
-        found.append(float(right @ solve_normal(own.products(own), right, own.squares)))
+    for a, b in itertools.pairwise(ends):
+        fitted = reduced.fit(batch.of(slice(a, b)))
+        found.append(float(fitted.right @ fitted.values))
     return found
-
-
-def _best(problem: Problem, offered: Sequence[Entry], gains: Sequence[float]) -> Entry:
-    """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
-    first quantity.
-    """
-    leaders = [offered[int(np.argmax(gains))]]
-    if leaders[0].follows is not None:
-        # Between the places of a grid a step of another width or quantity may look like more than the right one.
-        order = sorted(range(len(offered)), key=lambda k: gains[k])
-        changing = [offered[k] for k in order if offered[k].follows is not None]
-        leaders = list({(entry.follows, entry.form): entry for entry in changing}.values())
-    moved, quantities = _moved(problem, leaders), list(_QUANTITIES)
-    known = _gains(problem, moved)
-    equal = [k for k, gain in enumerate(known) if gain > max(known) - CONFOUNDED_NEAR]
-    return moved[min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -known[k]))]
 
 
 def _moved(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
@@ -280,5 +275,4 @@ def _moved(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
 
 def _columns(mechanism: YamlMechanism) -> list[Regressor]:
     """Columns of an entry's terms throughout."""
-    always = TimeBasis("constant")
-    return [Regressor(mechanism.name, t.name, (), always, t.units, grouped=True) for t in mechanism.definition]
+    return [Regressor(mechanism.name, t.name, (), ALWAYS, t.units, grouped=True) for t in mechanism.definition]

@@ -18,7 +18,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
@@ -33,7 +33,7 @@ from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
-from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
+from brv_hypo.model.term import Regressor, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, NORMAL_95, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
@@ -187,13 +187,34 @@ class Beside:
         return found
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
-        """Of each family, the history of the process that makes most of the record, on the first flight."""
+        """Of each family, the history of the process that makes most of the record, on the first flight: its
+        coefficient where it has one shape, else the length of its coefficients.
+        """
         every: tuple[Process, ...] = (*_finer_processes(), *record_processes())
         processes, groups = {process.name: process for process in every}, own.rows.groups
         sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
-        largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
-        motion = self.rows.frame.motions[0]
-        return {family: _history(processes[groups[k].name], motion, own, k) for family, k in largest.items()}
+        motion, found = self.rows.frame.motions[0], dict[str, ProcessHistory]()
+        places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
+        shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
+        for family, k in {groups[k].family: k for k in np.argsort(sizes).tolist()}.items():
+            process = processes[groups[k].name]
+            unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
+            values, errors = (each / unit for each in process_history(own, k, process.splines, 0, shares))
+            value = np.linalg.norm(values, axis=0)
+            sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
+            if len(values) == 1:
+                (value,), (sigma,) = values, errors
+            found[family] = ProcessHistory(
+                process=process.name,
+                title=process.title,
+                units=groups[k].units,
+                time_s=tuple(motion.time[places].tolist()),
+                mach=tuple(motion.mach[places].tolist()),
+                alpha_rad=tuple(motion.alpha[places].tolist()),
+                values=tuple(value.tolist()),
+                std_errors=tuple(sigma.tolist()),
+            )
+        return found
 
 
 def beside_processes(
@@ -230,8 +251,8 @@ def beside_processes(
         families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
         effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
-        always, frame = TimeBasis("constant"), rows.frame.with_mechanisms([schedule])
-        x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
+        scheduled = [term_column(schedule, term) for term in schedule.terms(motions[0], {})]
+        x = rows.of_moments(rows.frame.with_mechanisms([schedule]), scheduled)
         spread = np.array(schedule.tolerance(data.flights[0]))
         terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
     shift = np.zeros(rows.y.size)
@@ -261,28 +282,6 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
 
 
-def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
-    """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
-    unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
-    places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-    shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
-    values, errors = (each / unit for each in process_history(own, number, process.splines, 0, shares))
-    value = np.linalg.norm(values, axis=0)
-    sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
-    if len(values) == 1:
-        (value,), (sigma,) = values, errors
-    return ProcessHistory(
-        process=process.name,
-        title=process.title,
-        units=own.rows.groups[number].units,
-        time_s=tuple(motion.time[places].tolist()),
-        mach=tuple(motion.mach[places].tolist()),
-        alpha_rad=tuple(motion.alpha[places].tolist()),
-        values=tuple(value.tolist()),
-        std_errors=tuple(sigma.tolist()),
-    )
-
-
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
     """The family that an effect states, or whose shapes make most of its moment, each by itself between two changes."""
     if (stated := point.frame.mechanisms[name].stated_family) is not None:
@@ -298,13 +297,9 @@ def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> st
         changes = sorted({end for c, _ in chosen for end in (c.time_basis.start, c.time_basis.stop)})
         parts = np.searchsorted(changes, motion.coefficient_time, side="right")
         for k, process in enumerate(processes):
-            made = np.array(process.shapes(motion))
-            residuals[k] += sum(_unlike(moment[use], made[:, use]) for use in parts == np.unique(parts)[:, np.newaxis])
+            made = np.array([moment, *process.shapes(motion)]).T
+            for use in parts == np.unique(parts)[:, np.newaxis]:  # what real multiples of the shapes do not make
+                both = np.concatenate([made[use].real, made[use].imag])
+                rest = both[:, 0] - both[:, 1:] @ np.linalg.lstsq(both[:, 1:], both[:, 0], rcond=None)[0]
+                residuals[k] += rest @ rest
     return processes[int(np.argmin(residuals))].family
-
-
-def _unlike(moment: ComplexArray, shapes: ComplexArray) -> float:
-    """Sum of squares of a moment (n,) that constant multiples of shapes (shapes, n) do not make."""
-    y, x = np.concatenate([moment.real, moment.imag]), np.concatenate([shapes.real, shapes.imag], axis=1).T
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-    return float(rest @ rest)

@@ -30,8 +30,8 @@ from brv_hypo.inference.derivatives import (
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.io.text import number, times
+from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
-from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
 from brv_hypo.motion.motion import Motion
@@ -64,7 +64,14 @@ def gathered(
     definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping, weight)
-    findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
+    # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
+    # the baseline's tolerances, of which they make none, come last.
+    of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
+    number = final.flight or 0  # the one of several that is drawn
+    rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
+    kept = (before.usable & fit.left.usable)[rows]
+    samples, rows = data.frame.samples(number)[kept], rows[kept]
+    findings, every = names_added(steps, "finding"), zip(flights, data.frame.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -75,7 +82,7 @@ def gathered(
         account=account,
         model=ModelSummary(
             terms=(
-                *estimates(found.columns, found.values, _covariance_beside_processes(found, beside), data.frame),
+                *estimates(found.columns, found.values, found.covariance + of_processes, data.frame),
                 *_record_terms(whole),
             ),
             definition=definition,
@@ -92,7 +99,14 @@ def gathered(
         noise=fit.left.mean_square_of_noise(data.held_out.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
-        picture=_picture(before, fit, final.flight or 0, beside),
+        picture=Picture(
+            measured=pair(data.moments(data.frame.observed).body[rows]),
+            before=pair(before.body[rows]),
+            after=pair(fit.left.body[rows]),
+            sigma=tuple(fit.left.noise[rows].tolist()),
+            whitened=whitened(beside, number),
+            **motion_histories(data.frame.reconstructions[number], samples),
+        ),
     )
 
 
@@ -104,22 +118,6 @@ def _described(model: Model, found: Coefficients, discovery: MechanismFile | Non
         if isinstance(piece := model.mechanisms[name], YamlMechanism):
             pieces.append((piece, [found.columns[k] for k in own], found.values[own]))
     return file_of(pieces) if pieces else discovery
-
-
-def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
-    """Of several flights, that of the one with this number."""
-    after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    rows = np.arange(after.usable.size)[data.frame.span(number)]
-    kept = (before.usable & after.usable)[rows]
-    samples, rows = data.frame.samples(number)[kept], rows[kept]
-    return Picture(
-        measured=pair(measured.body[rows]),
-        before=pair(before.body[rows]),
-        after=pair(after.body[rows]),
-        sigma=tuple(after.noise[rows].tolist()),
-        whitened=whitened(own, number),
-        **motion_histories(data.reconstructions[number], samples),
-    )
 
 
 def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -207,13 +205,6 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-def _covariance_beside_processes(found: Coefficients, beside: Evidence) -> FloatArray:
-    """That of a model's coefficients, which are fitted without processes, with the errors that these make of them."""
-    covariance, _ = beside.errors_of_processes
-    count = covariance.shape[0]  # the columns of the baseline's tolerances come last
-    return np.asarray(found.covariance + np.pad(covariance, (0, found.values.size - count)))
-
-
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
@@ -234,6 +225,11 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     if not np.all(lasts):  # as it is on other flights
         known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
         left = replace(fit, known=known).left
+    # Small angles of attack, where its moment is nothing, it knows as well as those that it was found at.
+    mach, alpha = (np.concatenate([getattr(m, name) for m in fit.data.frame.motions]) for name in ("mach", "alpha"))
+    flown = {"alpha": (0.0, float(alpha.max()))}
+    if np.all(np.isfinite(mach)):
+        flown["mach"] = (float(mach.min()), float(mach.max()))
     saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
     return saved.model_copy(
         update={
@@ -241,21 +237,9 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
             "digests": tuple(map(digest, flights)),
-            "flown": _flown(fit.data),
+            "flown": flown,
         }
     )
-
-
-def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
-    """The ends of the Mach numbers and angles of attack (rad) that the flights ran through, where they are known.
-
-    The model knows small angles of attack, where its moment is nothing, as well as those that it was found at.
-    """
-    mach, alpha = (
-        np.concatenate([getattr(each.motion, name) for each in data.reconstructions]) for name in ("mach", "alpha")
-    )
-    found = {"alpha": (0.0, float(alpha.max()))}
-    return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
@@ -265,7 +249,7 @@ def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoment
     the noise may leave by chance.
     """
     pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
-    mach = np.concatenate([rec.motion.mach[data.frame.samples(k)] for k, rec in enumerate(data.reconstructions)])
+    mach = np.concatenate([each.mach[data.frame.samples(k)] for k, each in enumerate(data.frame.motions)])
     places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
     if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:
         order = np.argsort(places)
@@ -299,5 +283,5 @@ def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...
         variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
         return Along(slopes @ found.values, np.sqrt(np.maximum(variance, 0.0)), {})
 
-    motions = enumerate(each.motion for each in data.reconstructions)
+    motions = enumerate(data.frame.motions)
     return tuple(along_flight(motion, number, partial(at, number, motion)) for number, motion in motions)

@@ -23,13 +23,11 @@ from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.likelihood.statistics import whiteness
-from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
-from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
+from brv_hypo.linearisation.channels import Histories, Noise, Part, first_values, part, split, whole
+from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances, on_frame
-from brv_hypo.linearisation.propagated_motion import linearisation_point
-from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.linearisation.whitening import difference, white
+from brv_hypo.linearisation.response import LinearisedFlight, linearisation_point
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, without
 from brv_hypo.model.model import TOLERATED, Applied, Model
@@ -94,34 +92,19 @@ class Corrected:
     corrections: tuple[Errors, ...]
 
     @property
-    def reconstructions(self) -> tuple[Reconstruction, ...]:
-        """One a flight."""
-        return self.frame.reconstructions
-
-    @property
     def flights(self) -> tuple[Flight, ...]:
         """The records as they are read."""
         return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
 
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
-        valid = np.zeros(self.frame.observed.size, dtype=bool)
-        valid[self.whole.rows] = self.whole.valid
-        return part(self.frame, valid, chosen, shared=True)
-
-    def values(self, part: Part, columns: tuple[Regressor, ...]) -> FloatArray:
-        """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
-        noise = Noise(difference(), difference())
-        design = part.white_rates(self.frame.columns(columns)[part.rows], noise)
-        constants = part.white_rates(part.constants(), noise)
-        response = part.white_rates(self.frame.observed[part.rows], noise)[:, 0]
-        return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
+        return part(self.frame, self.whole.valid, chosen, shared=True)
 
     def with_in_plane_moment(self, columns: tuple[Regressor, ...]) -> Corrected:
         """With C_mw of Eq. 5.1 where columns depend on its past."""
         data = self
         for _ in range(MODEL_MOMENT_ROUNDS if any(column.theta for column in columns) else 0):
-            values = data.values(data.fitted, columns)
+            values = first_values(data.frame, data.fitted, columns)
             data = replace(data, frame=data.frame.with_in_plane_moment(columns, values))
         return data
 
@@ -146,12 +129,11 @@ class Corrected:
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
-        frame, config, flights = self.frame, self.source.config, len(linear)
-        free = [
-            {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
-            for number in range(flights)
-        ]
-        effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
+        frame, config, effects = self.frame, self.source.config, (*nuisance_effects(), *processes)
+        free: list[dict[tuple[str, str], RecordEffect]] = [{} for _ in linear]
+        for each in model.applied:
+            free[each.flight][each.effect.name, each.component] = each.effect
+        vehicle = model.tolerated(self.flights[0])
         unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
         return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
@@ -160,7 +142,7 @@ class Corrected:
             rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
-            max_terms=config.max_terms * flights,
+            max_terms=config.max_terms * len(linear),
             exact_terms=config.max_terms,
             given=dict(given or {}),
         )
@@ -335,10 +317,14 @@ class Fit:
         ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
         number = int(np.argmax(ratios))
         usable, samples = left.usable[spans[number]], data.frame.samples(number)
-        motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+        motion, body = data.frame.motions[number], left.body[spans[number]][usable]
         time, samples = motion.time[samples], samples[usable]
         plane = plane_from_body(body, motion.windward_meridian[samples])
         channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+        squares, ends = np.abs(body) ** 2, (time[0], time[-1])
+        means, edges, _ = stats.binned_statistic(time[usable], squares, bins=REPORTED_REGIONS, range=ends)
+        worst, rest = int(np.nanargmax(means)), (body - body.mean()) * np.hanning(body.size)
+        frequencies = np.fft.fftfreq(body.size, float(np.median(np.diff(time))))  # negative: from z to y
         p_value = _whiteness(self)
         return Residual(
             flight=number if len(ratios) > 1 else None,
@@ -347,8 +333,8 @@ class Fit:
             p_value=p_value,
             noise_ratio=ratios[number],
             worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-            worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
-            dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
+            worst_region_s=(float(edges[worst]), float(edges[worst + 1])),
+            dominant_frequency_hz=float(frequencies[np.argmax(np.abs(np.fft.fft(rest)))]),
         )
 
     def on_whole_record(self) -> Fit:
@@ -359,7 +345,8 @@ class Fit:
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
         fitted = replace(self, problem=problem.on(self.data.fitted))
-        return replace(self, problem=with_efficiency(fitted.problem, fitted.null).on(self.data.whole))
+        efficiency = fitted.problem.efficiency_of(fitted.null.residual)
+        return replace(self, problem=replace(problem, efficiency=efficiency).on(self.data.whole))
 
     def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
         """The same with knots and delays where its regression has them."""
@@ -378,7 +365,7 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
 
     Without a `noise`, it is what the record itself says, raised to what the model leaves.
     """
-    linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
+    linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
     own = estimated_noise(problem) if noise is None else noise
     raised = raised_noise(problem.under(own)) if noise is None else noise
@@ -407,7 +394,11 @@ def converged_from(fit: Fit) -> Fit:
     """
     fit, worse = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
     if worse:  # the record has none of the errors; what was found of the vehicle's moments acts
-        fit = _with_its_vehicle(fit)
+        acting = []
+        for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
+            names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
+            acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
+        fit = fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
     return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)[0]
 
 
@@ -437,15 +428,6 @@ def _without_its_errors(fit: Fit) -> Fit:
     return fitted_about(correct(fit.data.source, model, _found(fit)), model).at_best_knots()
 
 
-def _with_its_vehicle(fit: Fit) -> Fit:
-    """The model about its coefficients and the errors of the vehicle that a fit finds."""
-    acting = []
-    for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
-        names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
-        acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
-    return fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
-
-
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
     """What is taken out of one flight's record from here on: its errors within their tolerances.
 
@@ -462,16 +444,13 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
     return {**before, **within}
 
 
-# ---- The residual: whiteness, size, where it is largest, its frequency ----
-
-
 def _whiteness(fit: Fit) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = fit.data.fitted
-    pieces = remove_levels(fit.rest.rates[fitted.rows], fitted.pieces, white())
-    flights = fit.data.frame.flight_of_row[fitted.rows]
-    sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
-    parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
+    rates, parts = fit.rest.rates[fitted.rows], list[FloatArray]()
+    for (a, b), number in zip(fitted.pieces, fitted.flights, strict=True):
+        piece = (rates[a:b] - rates[a:b].mean()) / fit.data.records[number].gyro_sigma
+        parts += [piece.real, piece.imag]
     chances = [whiteness([part[np.newaxis]], min(WHITE_LAGS, part.size // 4))[0].p_value for part in parts]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
     total = sum(float(part @ part) for part in parts)
@@ -481,26 +460,7 @@ def _whiteness(fit: Fit) -> float:
     return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
 
 
-def _worst_region(time: FloatArray, usable: FloatArray, squares: FloatArray) -> tuple[float, float]:
-    """The one of equal parts of the record's time in which squares (n,) at usable times (n,) have the largest mean."""
-    means, edges, _ = stats.binned_statistic(usable, squares, bins=REPORTED_REGIONS, range=(time[0], time[-1]))
-    worst = int(np.nanargmax(means))
-    return float(edges[worst]), float(edges[worst + 1])
-
-
-def _dominant(body: ComplexArray, step: float) -> float:
-    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
-    values = body - body.mean()
-    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
-    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
-
-
 def has_tolerance(problem: Problem, effect: str) -> bool:
     """Whether every fit has the effect already, within its tolerance."""
     items = problem.rows.nuisances.items
     return any(items[k].name == effect for k in problem.rows.nuisances.bounded)
-
-
-def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
-    """The problem with the effective share of samples that a fit's residual shows."""
-    return replace(problem, efficiency=problem.efficiency_of(fit.residual))

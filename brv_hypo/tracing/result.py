@@ -136,18 +136,13 @@ class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
     `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
-    `error_before`, `error_after` are those of the moment coefficients by the model before and as it is with what was
-    added (where nothing was, with the best that was refused). `error_ratio_held_out` is of the latter and the model
-    without it: what every fit has within its tolerance is held at zero there. `held_out_score` is the fall of the error
-    of these and of the specific force, in which an error of the record may show alone, in standard errors.
-    A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
-    blocks and knots; `named_in` is the share of them that name it. All else is a hint, and `doubts`
-    say why. `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all share is
-    known from the others alone. `removed`: effects of earlier steps that the model has no need of beside this one.
-    `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
-    those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
-    explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
-    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks.
+    `error_after` is that of the model with what was added or, where nothing was, with the best that was refused;
+    `error_ratio_held_out` is over the error without it: what every fit has within its tolerance is zero there.
+    `held_out_score`: the fall of the error of moments and specific force, in which an error of the record may show
+    alone, in standard errors. A finding lowers the held-out moment error by more than its uncertainty and most
+    repetitions with other blocks and knots name it; all else is a hint. `ratio_of_flights_left_out`: of several
+    flights, the ratio of the errors of each where what all share is known from the others alone. `decomposition` has
+    those of `families` that explain any.
     """
 
     step: int

@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -27,7 +27,7 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
-from brv_hypo.model.term import TimeBasis, term_column
+from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
@@ -100,35 +100,30 @@ def trace(
 
 def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
     begun, config = clock.perf_counter(), source.config
-    tried, steps = _effects(config), list[Step]()
+    installed = (*mechanisms("mechanism"), *mechanisms("aerodynamic"), *record_effects())
+    items = installed if config.effects is None else [find_installed(name) for name in config.effects]
+    of_moments = [item for item in items if isinstance(item, Mechanism)]
+    of_records = [item for item in items if isinstance(item, RecordEffect)]
     say("reconstructing the motion")
-    fits = [_start(source)]  # from the first model to the last
+    fits, steps = [_start(source)], list[Step]()  # from the first model to the last
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = _turn(number, fits[-1], *tried, steps)
-        steps.append(turn.step)
-        if turn.after is None:
-            nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
-            stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
+        step, after, discovery, beside = _turn(number, fits[-1], of_moments, of_records, steps)
+        steps.append(step)
+        if after is None:
+            nothing_more: Stop = "white" if step.residual.white else "nothing significant"
+            stopped = "nothing improves held-out error" if step.refused else nothing_more
             break
-        fits.append(turn.after)
+        fits.append(after)
     first, last = fits[0], fits[-1]
     if any(step.status == "finding" for step in steps):
         bend = [StaticBend.name] if StaticBend.name not in last.model.mechanisms else []  # an effect in its place
         steps = _confirmed(steps, beside_processes(last, first.model.without(bend)))
     steps = beside_hints(steps)
-    alone = beside_processes(last, last.model) if turn.after else turn.beside
-    result = gathered(last, first.left, alone.null, steps, _account(fits, steps), stopped, turn.discovery)
+    alone = beside_processes(last, last.model) if after else beside
+    result = gathered(last, first.left, alone.null, steps, _account(fits, steps), stopped, discovery)
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
-
-
-def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
-    """Those that are tried: of the moments, and of the records."""
-    installed = (*mechanisms("mechanism"), *mechanisms("aerodynamic"), *record_effects())
-    items = installed if config.effects is None else [find_installed(name) for name in config.effects]
-    of_moments = tuple(item for item in items if isinstance(item, Mechanism))
-    return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
 def _start(source: Flights) -> Fit:
@@ -138,17 +133,14 @@ def _start(source: Flights) -> Fit:
         return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
     model = start_model(source, known, baseline).but(added=tuple(mechanism.name for mechanism in known))
-    data = correct(source, model)
+    motion = correct(source, model).frame.motions[0]
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
-    motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
-    declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
-        term_column(mechanism, term, (), TimeBasis("constant"), flight)
-        for mechanism in known
-        if mechanism not in chosen
-        for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
-        for term in mechanism.terms(motion, {})
-    )
-    model = model + Model(columns=declared)
+    for mechanism in known:  # every term of those that leave no choice in time, of all flights together or of each
+        if mechanism not in chosen:
+            apart = len(flights) > 1 and mechanism.of_each_flight(flights[0])
+            terms = mechanism.terms(motion, {})
+            for number in range(len(flights)) if apart else [None]:
+                model += Model(columns=tuple(term_column(mechanism, term, flight=number) for term in terms))
     if chosen:
         problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
@@ -173,25 +165,13 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
 # ---- One step ----
 
 
-class Turn(NamedTuple):
-    """One step of the result with the fit that it leads to.
-
-    `discovery`: where it leads to none, the description in generic terms that is significant all the same. `beside` is
-    what it adds, and processes beside that, on the whole record.
-    """
-
-    step: Step
-    after: Fit | None
-    discovery: MechanismFile | None
-    beside: Beside
-
-
 def _turn(
     number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
-) -> Turn:
+) -> tuple[Step, Fit | None, MechanismFile | None, Beside]:
     """One step: the residual, the candidates, and the model with the best of them if it is needed.
 
-    What steps `before` added and is not wanted beside it is removed.
+    What steps `before` added and is not wanted beside it is removed. Where it leads to no fit, the description in
+    generic terms that is significant all the same; last what it adds, and processes beside that, on the whole record.
     """
     model, source, config = fit.model, fit.data.source, fit.data.source.config
     flights = source.records
@@ -220,7 +200,7 @@ def _turn(
             after = converged_from(fitted_about(after.data, after.model.without(gone)))
     described = [] if after else [each.file for each in choice.significant if each.file is not None]
     step = _reported(number, fit, choice, after, beside).model_copy(update={"removed": gone})
-    return Turn(step, after, described[0] if described else None, beside)
+    return step, after, described[0] if described else None, beside
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -233,7 +213,7 @@ def _has_everywhere(name: str, model: Model, flights: int) -> bool:
 def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
     """Whether the records hold what the mechanism needs, such as the Mach number."""
     theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
-    terms = [term for each in data.reconstructions for term in mechanism.terms(each.motion, theta)]
+    terms = [term for motion in data.frame.motions for term in mechanism.terms(motion, theta)]
     return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
 
 
@@ -267,9 +247,7 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
         return "processes of its family have much to explain beside it" if much else ""
 
     return [
-        _as_hint(step, found)
-        if step.status == "finding" and step.added is not None and (found := doubt(step.added))
-        else step
+        _as_hint(step, found) if step.added and step.status == "finding" and (found := doubt(step.added)) else step
         for step in steps
     ]
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from brv_hypo.identification.identify import Problem, build_problem
 from brv_hypo.likelihood.collocation import Differenced, Function, Model, Points, evaluate, jacobian, start_points
 from brv_hypo.likelihood.segment import build_grid
-from brv_hypo.linearisation.propagated_motion import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY
 from tests.studies.identification.study import flights, trial
 
 

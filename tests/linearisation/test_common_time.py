@@ -12,8 +12,7 @@ from scipy.integrate import quad
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.search import offers
-from brv_hypo.linearisation.frame import build_frame
-from brv_hypo.linearisation.weakform import WeakSegment
+from brv_hypo.linearisation.frame import WeakSegment, build_frame
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping

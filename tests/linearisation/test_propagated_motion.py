@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.linearisation.propagated_motion import (
+from brv_hypo.linearisation.response import (
     GRAVITY,
     MOTION,
     START,
@@ -64,7 +64,7 @@ def test_an_error_of_the_start_is_taken_from_it(point, name, size):
 def test_an_error_of_the_walk_is_taken_from_it(point):
     record, smooth = point
     true = PropagatedMotion.of(record, smooth)
-    wrong = replace(true, walk=true.walk + walk_sines(record, 3) @ np.array([0.5, 0.0, -1.0 + 2.0j]))
+    wrong = replace(true, walk=true.walk + walk_sines(record, 3)[0] @ np.array([0.5, 0.0, -1.0 + 2.0j]))
     errors = {
         (MOTION, walk_name(axis, number)): size
         for number, both in enumerate([(0.5, 0.0), (0.0, 0.0), (-1.0, 2.0)])

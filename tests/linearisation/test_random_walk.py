@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_noise, walk_sines
+from brv_hypo.linearisation.response import linearisation_point, walk_sines
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import body_crossflow, wind_direction, wind_to_body
 from brv_hypo.motion.responses import perturbed
@@ -21,12 +21,12 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
     start = point.start
     direction = wind_direction(record, start)
     turn = wind_to_body(record, direction)
-    noise = 1j * turn * walk_noise(record, order + 1)[:, order]
+    walk, noise = (each[:, order] for each in walk_sines(record, order + 1))
+    noise = 1j * turn * noise
     (noisy,) = perturbed(
         record, [replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)]
     )
     shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
-    walk = walk_sines(record, order + 1)[:, order]
     found = np.vdot(walk, shift * np.conj(turn)) / np.vdot(walk, walk)
     assert found == pytest.approx(-1.0, abs=0.1)
 

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from brv_hypo.inference.build import first_values, linearised
-from brv_hypo.linearisation.channels import Histories
+from brv_hypo.inference.build import linearised
+from brv_hypo.linearisation.channels import Histories, first_values
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects
@@ -24,8 +24,8 @@ EFFECTS = [effect for effect in nuisance_effects() if effect.name != "wind"]
 def flight() -> LinearisedFlight:
     problem = prepared()
     columns = problem.baseline
-    frame = problem.frame
-    return linearised(problem.records[0], frame.reconstructions[0], frame, columns, first_values(frame, columns))
+    frame, part = problem.frame, problem.rows.part
+    return linearised(problem.records[0], frame.reconstructions[0], frame, columns, first_values(frame, part, columns))
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
@@ -45,7 +45,7 @@ def test_the_last_digit_of_the_record_moves_the_columns_of_the_walk_by_no_more_t
     here = flight()
     (other,) = perturbed(here.record, [flight_last_digit_off(here.record.flight, 1)])
     pairs = zip(here.random_walk(), replace(here, record=other).random_walk(), strict=True)
-    apart = [_size(after - before) / _size(before) for (_, before, *_), (_, after, *_) in pairs]
+    apart = [_size(after - before) / _size(before) for (_, _, before, *_), (_, _, after, *_) in pairs]
     assert 0.0 < max(apart) < 1e-7
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.linearisation.weakform import WeakSegment, weak_segments
+from brv_hypo.linearisation.frame import WeakSegment, weak_segments
 from brv_hypo.model.term import TimeBasis
 from tests.flights import flown, nominal
 
@@ -50,7 +50,7 @@ def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     flight = flown(config)
     (segment,) = weak_segments(flight.flight, 0)
     truth = np.asarray(flight.truth.C_m) + 1j * np.asarray(flight.truth.C_n)
-    predicted = segment.integrate(truth[:, np.newaxis]).plain.at_nodes[:, 0]
+    predicted = segment.integrate((segment.factor * truth)[:, np.newaxis])[0].at_nodes[:, 0]
     residual = segment.observed - predicted
     residual -= residual.mean()
     noise = np.sqrt(np.mean(np.abs(residual) ** 2) / 2.0)

@@ -86,7 +86,7 @@ def test_noise_alone_seldom_leaves_anything_on_any_stretch(data: Corrected) -> N
 
 
 def test_it_is_told_where_it_was_left(data: Corrected) -> None:
-    mach = data.reconstructions[0].motion.mach[data.frame.samples(0)]
+    mach = data.frame.motions[0].mach[data.frame.samples(0)]
     found = model_error(data, left_at(data, np.where(mach > 9.0, 1e-3, 0.0)), left_at(data, 0.0))
     low, high = found.at(np.array([6.5, 11.5]), elsewhere=False)
     assert low < 0.1 * high

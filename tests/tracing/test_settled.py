@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from brv_hypo.linearisation.channels import first_values
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
@@ -67,7 +68,7 @@ def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearis
     data = correct(source, model)
     assert correct(source, model).records[0] is data.records[0]
     assert correct(source, model, [{("gyro_bias", "q"): 1e-4}]).records[0] is not data.records[0]
-    linear = data.linearised(model, data.values(data.fitted, model.columns))
+    linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns))
     first, known = data.regression(model, linear), dict(linear[0].known)
     again = data.regression(model, linear)
     assert known
@@ -84,7 +85,7 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
     """
     source = Flights((sized(232010, "reynolds_stiffness").made.flight,), CONFIG)
     model = start_model(source, [find("mach_stiffness")])
-    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
+    motion, always = correct(source, model).frame.motions[0], TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
     state = converged(source, model.but(columns=(*model.columns, *powers)))

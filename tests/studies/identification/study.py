@@ -18,8 +18,9 @@ from scipy.signal import lfilter
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.identify import Estimate, Identification, identify
-from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels, whiten
-from brv_hypo.linearisation.whitening import difference, fit_noise
+from brv_hypo.linearisation.channels import Noise, Whitening, difference, fit_noise, whole
+from brv_hypo.linearisation.frame import RateFrame, build_frame
+from brv_hypo.linearisation.linear import solve_scaled
 from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
@@ -188,14 +189,14 @@ def regress(frame: RateFrame, columns: Sequence[Regressor], passes: int = 4) -> 
     (columns,).
     """
     rates: ComplexArray = frame.columns(columns)
-    noise = difference()
+    part, noise = whole(frame, np.ones(frame.observed.size, dtype=bool)), difference()
+    unknown = np.column_stack([rates, part.constants()])
     values = np.zeros(len(columns))
     for _ in range(passes):
-        design = whiten(rates, frame.pieces, noise)
-        response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
-        scale = np.linalg.norm(design, axis=0)
-        values = np.linalg.lstsq(design / scale, response, rcond=1e-12)[0] / scale
-        noise = fit_noise(remove_levels(frame.observed - rates @ values, frame.pieces, noise))
+        white = Whitening(part, Noise(noise, noise)).rates
+        found = solve_scaled(white(unknown), white(frame.observed[:, np.newaxis])[:, 0])
+        values, residual = found[: len(columns)], frame.observed - rates @ found[: len(columns)]
+        noise = fit_noise([residual[a:b] - residual[a:b].mean() for a, b in frame.pieces])
     return np.asarray(values)
 
 

@@ -209,7 +209,7 @@ def _of_vehicle(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     if effect == "trim":  # accelerometers that kept their declared place would be as far off the c.g., and be found too
         errors = _further(errors, "accel_position", place + 1, size)
     made = _with_errors(plain, errors, key, "accel_position")
-    names = [term.name for term in item.terms(state.data.reconstructions[0].motion, {})]
+    names = [term.name for term in item.terms(state.data.frame.motions[0], {})]
     return Sized(made, abs(size) / limit, dict(zip(names, _coefficients(plain, effect, made.true.errors), strict=True)))
 
 

@@ -37,7 +37,7 @@ def baseline_state(
     model = start_model(source, (), baseline)
     if not bent:
         model = model.without([StaticBend.name])
-    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
+    motion, always = correct(source, model).frame.motions[0], TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
     return converged(source, model.having(*known) + Model(columns=own))
 
@@ -59,7 +59,7 @@ def f_ratio_of_error(state: Fit, effect: RecordEffect, component: str, size: flo
 def f_ratio_of_moment(state: Fit, mechanism: Mechanism, values: Sequence[float]) -> float:
     """F of a mechanism's terms at these values, throughout."""
     problem, always = state.problem, TimeBasis("constant")
-    names = [term.name for term in mechanism.terms(state.data.reconstructions[0].motion, {})]
+    names = [term.name for term in mechanism.terms(state.data.frame.motions[0], {})]
     columns = [Regressor(mechanism.name, name, (), always, "1") for name in names]
     moment = problem.design(problem.frame.with_mechanisms([mechanism]), columns) @ np.array(values)
     return _beside_baseline(problem, moment)

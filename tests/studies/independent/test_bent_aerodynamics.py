@@ -10,7 +10,7 @@ import pytest
 from brv_hypo import compare, reconstruct
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.comparison.preparation import shared_problem
-from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_modes
+from brv_hypo.linearisation.response import linearisation_point, walk_modes
 from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct as reconstruction_of
 from brv_hypo.motion import ReconstructionConfig

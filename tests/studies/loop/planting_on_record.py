@@ -46,7 +46,7 @@ def with_moment(
     rates, chi = _moved(flight, _course(flight, state, lift), mechanism, values, onset)
     # C_y + i C_z = -C_malpha alpha (sin phi_w + i cos phi_w).
     force = -1j * lift * chi
-    true = state.data.reconstructions[0].corrected
+    true = state.data.frame.reconstructions[0].corrected
     turned = replace(true, q=true.q + rates.real, r=true.r + rates.imag)
     lever = _lever(turned) - _lever(true)
     turned = replace(
@@ -66,7 +66,7 @@ def _as_read(true: Flight, state: Fit) -> Flight:
 
     A change of the motion that were read without them would contradict the record's own, and look like other errors.
     """
-    for error in state.data.reconstructions[0].effects:
+    for error in state.data.frame.reconstructions[0].effects:
         effect = find_installed(error.effect)
         if isinstance(effect, RecordEffect) and effect.kind == "instrument":
             true = effect.perturb(true, error.component, error.value)
@@ -82,7 +82,7 @@ def _lever(flight: Flight) -> FloatArray:
 
 def _normal_force(flight: Flight, state: Fit) -> FloatArray:
     """The transverse specific force (n,) per unit of chi, m/s^2."""
-    slope = state.data.reconstructions[0].normal_force_ratio
+    slope = state.data.frame.reconstructions[0].normal_force_ratio
     known = np.where(np.isfinite(slope), slope, 0.0)
     return np.asarray(state.data.records[0].force_scale * known, dtype=float)
 
@@ -136,7 +136,7 @@ class _Course:
 
 
 def _course(flight: Flight, state: Fit, lift: FloatArray) -> _Course:
-    motion = state.data.reconstructions[0].motion
+    motion = state.data.frame.motions[0]
     count = (flight.samples - 1) * 2 * _STEPS + 1
     time = np.interp(np.arange(count) / (2 * _STEPS), np.arange(flight.samples), flight.time)
 

@@ -31,7 +31,7 @@ from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
-from brv_hypo.tracing.fit import Fit, Flights, converged, with_efficiency
+from brv_hypo.tracing.fit import Fit, Flights, converged
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
 
@@ -77,7 +77,7 @@ def planted(base: Ground, effect: str, times: float, seed: int, onset: float | N
         return _with_error(base, item, times, draw)
     if item.parameters():
         raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
-    motion = base.state.data.reconstructions[0].motion
+    motion = base.state.data.frame.motions[0]
     asked = _unbent(base) if is_bend(item, motion) else base
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
@@ -110,13 +110,13 @@ def limits_there(
     give as much again: the second is what there is of it beside the model, at its time and with its terms.
     """
     model = restored(base.model, (flight,))
-    names = [term.name for term in item.terms(base.state.data.reconstructions[0].motion, {})]
+    names = [term.name for term in item.terms(base.state.data.frame.motions[0], {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
     settings = TraceConfig()
     both = model + Model(mechanisms={item.name: item}, columns=own)
     with threadpool_limits(limits=1, user_api="blas"):
         problem = converged(Flights((flight,), settings), both).problem
-        problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
+        problem = replace(problem, efficiency=problem.efficiency_of(fit_hypothesis(problem, "none", ()).residual))
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values
         problem = replace(problem, baseline=others)
@@ -129,7 +129,7 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
     """The record with an error of one component of an instrument, of those that have errors so large."""
     with threadpool_limits(limits=1, user_api="blas"):
         here, _ = analyse_step(base.state, (), (effect,))
-    problem = with_efficiency(here.problem, here.null)
+    problem = replace(here.problem, efficiency=here.problem.efficiency_of(here.null.residual))
     limits = {
         component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
         for name in problem.given
@@ -156,7 +156,7 @@ def _limit(here: Fit, effect: str, names: Sequence[str], direction: FloatArray, 
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
     samples.
     """
-    problem = with_efficiency(here.problem, here.null)
+    problem = replace(here.problem, efficiency=here.problem.efficiency_of(here.null.residual))
     frame = problem.frame.with_mechanisms([find(effect)])
     columns = [Regressor(effect, name, (), _course(onset), "1") for name in names]
     return _limit_of(problem, problem.design(frame, columns) @ direction)
