@@ -140,7 +140,7 @@ def _predict(
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
     measured, left, left_within = data.moments(data.frame.observed), fit.left, within.left
-    own = _freed(fit, tuple(column.mechanism for column in columns)).left
+    own = _freed(within, tuple(column.mechanism for column in columns)).left
     errors = ErrorsOfPrediction(
         without=measured.mean_square(),
         frozen=left.mean_square(),
@@ -153,17 +153,17 @@ def _predict(
     covariance[np.ix_(known, known)] = known_by
     motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
     mach = motion.mach[samples]
-    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=bool(left_out))
     if not here:  # a test of estimates against the record that they are of would count it twice
-        beside = beside_processes(fit, fit.model, fit.problem.rows.part)
-        alone = beside.evidence([], ())
-        better = max(alone, beside.null, key=lambda each: each.level)
+        every = beside_processes(fit, fit.model, fit.problem.rows.part)
+        alone = every.evidence([], ())
+        better = max(alone, every.null, key=lambda each: each.level)
         difference = find_difference(better, columns, fixed, both)
         differs = difference is not None and difference.p_value < REFUSED
 
         def changed(agreed: FloatArray, known_by: FloatArray) -> tuple[LocalChange | None, Evidence]:
             """A change between two times beside coefficients that are fixed within this covariance."""
-            own, beside_all = (fixed_within(each, columns, agreed, known_by) for each in (alone, beside.null))
+            own, beside_all = (fixed_within(each, columns, agreed, known_by) for each in (alone, every.null))
             return find_local_change(own, beside_all), own
 
         change, within_both = changed(fixed, both)
@@ -180,11 +180,12 @@ def _predict(
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(columns, fit.values, covariance, data.frame)
+    beside = estimates(columns, within.values, within.covariance[: len(columns), : len(columns)], data.frame)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
         frozen=tuple(terms[k] for k in known),
-        refitted=tuple(term for k, term in enumerate(terms) if k not in known),
+        refitted=tuple(term for k, term in enumerate(beside) if k not in known),  # beside errors within tolerances
         error=errors,
         ratio=errors.frozen / errors.without,
         explained=1.0 - _unexplained(measured, left, errors.noise, flown),
@@ -204,7 +205,8 @@ def _predict(
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
     more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
-    said = reason(found, of_own, rest, freely, ",".join((*refit, *more)) if more else "")
+    remedy = ",".join((*refit, *more)) if more else ""
+    said = reason(found, of_own, rest, freely, remedy, INSTRUMENTS in refit)
     return found.model_copy(update={"reason": said})
 
 
@@ -258,17 +260,19 @@ def _frozen(
 
     places = np.array([place.get(column, -1) for column in model.columns])
     corrections: Errors = {}
-    found = read_with(corrections)
-    for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
-        beside = found.problem.rows.nuisances.values(_errors_within(found, content, places), 1)[0]
+    found = [read_with(corrections)]
+    for linearisation in range(1 + PREDICTED_LINEARISATIONS if effects else 0):
+        if linearisation:
+            found.append(read_with(corrections))
+        last, errors = found[-1], _errors_within(found[-1], content, places)
+        mine = np.array([False] * len(model.columns) + [item.name in effects for item in last.nuisances])
+        own_errors = np.append(np.full(len(model.columns), np.nan), errors)
+        found[-1] = replace(last, known=np.where(mine, own_errors, last.known))
+        beside = last.problem.rows.nuisances.values(errors, 1)[0]
         own = {name: value for name, value in beside.items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
-        found = read_with(corrections)
-    if effects:
-        own_errors = np.append(np.full(len(model.columns), np.nan), _errors_within(found, content, places))
-        mine = np.array([False] * len(model.columns) + [item.name in effects for item in found.nuisances])
-        found = replace(found, known=np.where(mine, own_errors, found.known))
-    return found, places, left_out
+    # A record that the model explains badly may have another motion without them, which it explains worse.
+    return min(found, key=lambda each: each.left.mean_square()), places, left_out
 
 
 def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -171,7 +171,7 @@ _NOWHERE = (
 )
 
 
-def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
+def reason(found: Prediction, own: float, left: float, freed: float, remedy: str, refits_errors: bool = False) -> str:
     """The outcome in a few sentences.
 
     `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
@@ -198,8 +198,8 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if band.inside < PREDICTED_HOLDS and found.own_record:
-        said += " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
+    if band.inside < PREDICTED_HOLDS and found.own_record and not refits_errors:
+        said += " Errors of the record within their tolerances are zero here: `--refit instruments` fits them."
     elif band.inside < PREDICTED_HOLDS:
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
