@@ -198,15 +198,15 @@ def take_out_biases(
     biases_text = ", ".join(f"{name} {np.degrees(bias):.3g} deg/s" for name, bias in biases.items())
     biases["ax"] = (norm - GRAVITY) * float(reads[0] / norm)
     changed = {name: values - biases.get(name, 0.0) for name, values in channels.items()}
-    lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
+    lean = float(np.arccos(reads[0] / norm))
     rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
     rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))
     notes = [
         f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2",
-        f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "
+        f"ay and az read {reads[1]:.2g} and {reads[2]:.2g} m/s^2 on the pad, bias or a lean of "
         f"{np.degrees(lean):.1f} deg: kept; the tolerance of their bias is as large, or what a usual lean makes",
     ]
-    y, z = np.minimum(across, GRAVITY * PAD_LEANING).tolist()
+    y, z = np.minimum(np.abs(reads[1:]), GRAVITY * PAD_LEANING).tolist()
     along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
     return changed, rest, {"accel_bias": (along, y, z)}, notes
 

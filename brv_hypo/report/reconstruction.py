@@ -80,12 +80,7 @@ def reconstruction_document(result: Reconstruction) -> Document:
     flight = result.flight
     span = f"{flight.samples} samples, {interval((float(flight.time[0]), float(flight.time[-1])))} s"
     rate = f"{flight.sample_rate:.4g} Hz, instruments {flight.instruments.described}"
-    gravity = ", ".join(number(float(value)) for value in result.gravity_body)
     gyros, forces = number(result.gyro_sigma, 2), number(result.accel_sigma, 2)
-    noise = (
-        f"gravity in body axes at the start ({gravity}) m/s²",
-        f"white noise of gyros {gyros} rad/s, of accelerometers {forces} m/s²",
-    )
     known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
@@ -95,7 +90,7 @@ def reconstruction_document(result: Reconstruction) -> Document:
         decided=result.status == "ok",
         blocks=(
             Table(history_rows(result), words=("history", "unit")),
-            Texts(noise, bullets=False),
+            Texts((f"white noise of gyros {gyros} rad/s, of accelerometers {forces} m/s²",), bullets=False),
             Texts(result.warnings, "Warnings", warning=True),
             *reconstruction_charts(result),
             Texts(flight.notes, "Notes", shown="page"),

@@ -306,7 +306,10 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str 
             flown.append(dict(place))
             zero.append(place)
             for name, each in zip(functions, found, strict=True):
-                in_plane, mark = "C_m,in" if name == "C_m0" else name, COLLINEAR_MARK if each.collinear[k] else ""
+                in_plane, mark = (
+                    "static C_m,in" if name == "C_m0" else name,
+                    COLLINEAR_MARK if each.collinear[k] else "",
+                )
                 flown[-1][in_plane] = estimated(each.at_flown[k], each.at_flown_std_error[k]) + mark
                 value = each.at_zero[k], each.at_zero_std_error[k]
                 zero[-1][name] = f"({known_to(*value)})" if each.extrapolated[k] else estimated(*value)

@@ -19,6 +19,7 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
+from brv_hypo.tracing.fit import WHITE_CHANCE
 from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
@@ -249,7 +250,8 @@ def next_step(result: Trace) -> str:
 
 def residual_text(residual: Residual) -> str:
     """Size, whiteness and place of a residual."""
-    white = "white" if residual.white else f"not white (p {p_value(residual.p_value)})"
+    beyond = "white but for its size" if residual.p_value > WHITE_CHANCE else "not white"
+    white = "white" if residual.white else f"{beyond} (p {p_value(residual.p_value)})"
     where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
     return (
         f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} times the noise's; "
@@ -315,7 +317,8 @@ def outcome_text(step: Step) -> str:
     if step.evidence_gain is not None:
         text += f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
     if step.held_out_score is not None:
-        text += f"; the held-out error of moments and force falls by {number(step.held_out_score, 2)} standard errors"
+        fall = number(step.held_out_score, 2)
+        text += f"; of moments and force, each over its noise, the squared error held out falls by {fall} of its sigmas"
     if step.ratio_of_flights_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.ratio_of_flights_left_out)}"
     if step.doubts:
