@@ -40,8 +40,8 @@ class Derivative(NullIsNaN):
 
     At no angle of attack, and at that flown (`alpha_rad`, rms about the place; `alpha_ends_rad`, least and greatest
     there); `mach` is NaN where it is not known.
-    By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
-    By the transverse rate times d / 2V: of model and processes together, with the errors of both.
+    Of model and processes together, with the errors of both: by alpha of the static moment, by the transverse rate
+    times d / 2V of all.
     `collinear_with`: processes and coefficients whose estimates are correlated with that at the angle flown by more
     than `COLLINEAR` at some place, and the correlation at each.
     """

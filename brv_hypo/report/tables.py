@@ -290,9 +290,9 @@ def error_table(errors: Sequence[RecordError]) -> Table:
     return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
-def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str = "model and processes") -> list[Block]:
+def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
     """C_m,in and its derivatives at places along each flight, each with its standard error: at the angle of attack
-    flown there, with what they are nearly collinear with; and at none. `of`: what makes them and their errors.
+    flown there, with what they are nearly collinear with; and at none.
     """
     flown, zero = [], []
     several = any(len(each) > 1 for each in functions.values())
@@ -317,9 +317,9 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]], of: str 
     if said:
         said.append("That value and its error hold only for sizes of processes as estimated: no evidence by itself.")
     return [
-        Table(flown, f"At the angle of attack flown ({of})", shown="verbose"),
+        Table(flown, "At the angle of attack flown (model and processes)", shown="verbose"),
         Texts(said, bullets=False, shown="verbose"),
-        Table(zero, f"At alpha = 0 ({of}); in parentheses: extrapolated, no sample is near", shown="verbose"),
+        Table(zero, "At alpha = 0; in parentheses: extrapolated, no sample is near", shown="verbose"),
     ]
 
 

@@ -38,9 +38,8 @@ DAMPING_AS_ESTIMATED = (
 )
 
 STATIC_TRACED = (
-    "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
-    "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
-    "process, may differ."
+    "Of model and processes together. Quote it at the angle flown: where no sample is near alpha = 0 (dotted), it is "
+    "extrapolated, and compare may differ."
 )
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
 NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
@@ -175,7 +174,7 @@ def trace_document(result: Trace) -> Document:
     if both and held_out["constant"] < held_out["scheduled"]:
         both.append(WORSE)
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
-    known, parts = result.record_errors, "C_malpha of the model alone, C_mq with processes"  # compare's has them
+    known = result.record_errors
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
     final = () if ended or result.final_residual is None else (residual_text(result.final_residual),)
@@ -194,7 +193,7 @@ def trace_document(result: Trace) -> Document:
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in _charts(result).items()),
-        Section("Coefficients along the flight", tables.function_blocks(functions, parts), folded=True),
+        Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),

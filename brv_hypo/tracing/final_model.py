@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -18,15 +17,7 @@ from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, of_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.derivatives import (
-    Along,
-    Derivative,
-    along_flight,
-    along_flights,
-    damping,
-    per_coefficient,
-    slope,
-)
+from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.io.text import number, times
@@ -34,7 +25,6 @@ from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
-from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
@@ -61,9 +51,11 @@ def gathered(
     data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found = whole.coefficients
-    definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
+    definition = _definition(fit, whole, found)
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
-    damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping, weight)
+    slopes, damped = (
+        along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, by, weight) for by in (slope, damping)
+    )
     # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
     # the baseline's tolerances, of which they make none, come last.
     of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
@@ -273,15 +265,3 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], groups: Sequence[
     # chance gives one.
     most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(groups), freedom) / freedom
     return np.asarray(np.where(found > most, found - noise, 0.0), dtype=float)
-
-
-def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...]:
-    """Of each flight dC_m,in/d alpha as the coefficients have it, at no angle of attack and at that flown."""
-
-    def at(number: int, motion: Motion, alpha: FloatArray, places: IntArray) -> Along:
-        slopes = per_coefficient(data.frame, found.columns, number, motion, alpha, slope)[places]
-        variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
-        return Along(slopes @ found.values, np.sqrt(np.maximum(variance, 0.0)), {})
-
-    motions = enumerate(data.frame.motions)
-    return tuple(along_flight(motion, number, partial(at, number, motion)) for number, motion in motions)
