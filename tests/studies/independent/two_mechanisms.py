@@ -9,6 +9,7 @@ compared with the five mechanisms, and with two sums beside these: that which ac
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -38,6 +39,8 @@ class Outcome:
     truth: tuple[str, str]
     alone: str | None
     described: str | None
+    advised: str
+    """The sum that the comparison of single mechanisms advises; empty where none."""
     winner: str | None
     leads: str
     seconds: float
@@ -81,6 +84,7 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
         truth=truth,
         alone=alone.verdict.winner,
         described=alone.verdict.described,
+        advised="".join(re.findall(r"compare (\S+) as well", alone.verdict.reason)),
         winner=found.verdict.winner,
         leads=max(chances, key=chances.__getitem__, default="record fault"),
         seconds=found.seconds.total,
@@ -90,7 +94,8 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
 def line(found: Outcome) -> str:
     """One flight in a line."""
     return (
-        f"{found.seed} {found.vehicle} {'+'.join(found.truth)}: alone {found.alone} ({found.described}); with sums "
+        f"{found.seed} {found.vehicle} {'+'.join(found.truth)}: alone {found.alone} ({found.described}), advised "
+        f"{found.advised or 'nothing'}; with sums "
         f"{found.winner}, {found.leads} leads; {found.seconds:.1f} s"
     )
 
@@ -105,6 +110,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count("not listed: one of the two is named", [o.alone in o.truth for o in outcomes])
     yield count("not listed: a third is named", [o.alone not in (None, "none", *o.truth) for o in outcomes])
     yield count("not listed: one of the two is described, not named", [o.described in o.truth for o in outcomes])
+    yield count("not listed: their sum is advised", [set(o.advised.split("+")) == set(o.truth) for o in outcomes])
+    others = [bool(o.advised) and set(o.advised.split("+")) != set(o.truth) for o in outcomes]
+    yield count("not listed: another sum is advised", others)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
