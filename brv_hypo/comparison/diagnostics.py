@@ -264,7 +264,7 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
         return ()
-    best, n = on_grid(problem, likeliest(searched).mechanisms).best, problem.response.size
+    (_, _, best), n = on_grid(problem, likeliest(searched).mechanisms), problem.response.size
     forced = round(n * none.expected_variance / none.adjusted_rss)  # the baseline's p, by (b) and (f)
     variance = none.rss / (none.cp + n - 2 * forced)
     sized = [(0, none.rss, ()), *((size, *found) for size, found in sorted(best.items()))]

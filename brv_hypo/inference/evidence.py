@@ -18,7 +18,7 @@ is that of restricted likelihood (Searle, Casella and McCulloch, Variance Compon
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -34,10 +34,8 @@ from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL, RECORD_AMPLITUDE
 
-# Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
-_LARGEST, _WALL = float(np.log(3.0)), 0.1
-# Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
-_SLOPE = 0.03
+_LARGEST, _WALL = float(np.log(3.0)), 0.1  # logarithm of the largest amplitude, and 1-sigma of the prior beyond it
+_SLOPE = 0.03  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
 _ROUNDING = 1e-9  # of a covariance
 _LARGEST_STEP = 3.0  # of all logarithms together
 
@@ -49,14 +47,6 @@ class _Solution(NamedTuple):
     """Half of the log determinants."""
     misfit: float
     border: FloatArray
-    covariance: FloatArray
-
-
-class _Without(NamedTuple):
-    """Of the rows without a stretch of time: minus log p, `values` and their covariance."""
-
-    cost: float
-    values: FloatArray
     covariance: FloatArray
 
 
@@ -93,16 +83,16 @@ class _Integrated:
     @cached_property
     def processes(self) -> tuple[_OfProcesses, ...]:
         """a of each flight: large, and wanted of few."""
-        return tuple(self._of(each) for each in self._parts.values())
-
-    def _of(self, part: _Eliminated) -> _OfProcesses:
-        both = np.column_stack([part.made, part.own])
-        both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-        # In the place of the factor, of which nothing else is wanted.
-        inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
-        follows = both[:, :-1]
-        variances = np.diag(inverse) + np.sum((follows @ self.solution.covariance) * follows, axis=1)
-        return _OfProcesses(both[:, -1] - follows @ self.solution.border, inverse, follows, variances)
+        solution, found = self.solution, []
+        for part in self._parts.values():
+            both = np.column_stack([part.made, part.own])
+            both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+            # In the place of the factor, of which nothing else is wanted.
+            inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
+            follows = both[:, :-1]
+            variances = np.diag(inverse) + np.sum((follows @ solution.covariance) * follows, axis=1)
+            found.append(_OfProcesses(both[:, -1] - follows @ solution.border, inverse, follows, variances))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -338,33 +328,31 @@ class Evidence(_Integrated):
     @property
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
-        return np.array([each.cost for each in self._without_stretches]) - _value(
-            self.products, self.rows, self.solution, self.at
-        )
+        costs = [cost for cost, _, _ in self._without_stretches]
+        return np.array(costs) - _value(self.products, self.rows, self.solution, self.at)
 
     def left_out(self, weight: float) -> LeftOut:
         """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
-        changes = np.array([each.values for each in self._without_stretches]) - self.values
-        covariances = np.array([each.covariance for each in self._without_stretches])
+        changes = np.array([values for _, values, _ in self._without_stretches]) - self.values
+        covariances = np.array([covariance for _, _, covariance in self._without_stretches])
         # What no stretch determines, as a knot in a gap, scatters by rounding alone.
         return LeftOut(changes, (covariances - (1.0 - _ROUNDING) * self.covariance) / weight)
 
     @cached_property
-    def _without_stretches(self) -> tuple[_Without, ...]:
-        """What is known without each stretch of time.
+    def _without_stretches(self) -> list[tuple[float, FloatArray, FloatArray]]:
+        """Minus log p, `values` and their covariance without each stretch of time.
 
         What is left out of one flight changes nothing of the others' elimination.
         """
         known, made = _eliminated(self.products, self.rows, self.at), self._values_of_border
-
-        def without(stretch: Products) -> _Without:
+        without = []
+        for stretch in self.rows.stretch_products:
             rest = self.products.less(stretch.beside(self.rows, self.terms.x))
             parts = {**known, **_eliminated(rest, self.rows, self.at)}
             found = _solved(rest, parts, self.rows, self.terms, self.at)
             covariance = self.noise**2 * made @ found.covariance @ made.T
-            return _Without(_value(rest, self.rows, found, self.at), made @ found.border, covariance)
-
-        return tuple(without(stretch) for stretch in self.rows.stretch_products)
+            without.append((_value(rest, self.rows, found, self.at), made @ found.border, covariance))
+        return without
 
     @cached_property
     def _factors(self) -> dict[int, _Factor]:
@@ -416,19 +404,14 @@ class _Surface:
     rows: Rows
     terms: Terms
     products: Products
+    _last: dict[bytes, _Integrated] = field(default_factory=dict)
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Centre and 1-sigma of each logarithm."""
-        has_terms = bool(np.any(self.terms.scaled))
-        groups = [group.prior for group in self.rows.groups]
-        priors = [NOISE_LEVEL, *groups, *([MECHANISM_AMPLITUDE] if has_terms else [])]
-        centre, width = np.array(priors, dtype=float).T
+        of_terms = [MECHANISM_AMPLITUDE] if np.any(self.terms.scaled) else []
+        centre, width = np.array([NOISE_LEVEL, *(group.prior for group in self.rows.groups), *of_terms], dtype=float).T
         return centre, width
-
-    @cached_property
-    def _last(self) -> dict[bytes, _Integrated]:
-        return {}
 
     def found(self, at: FloatArray) -> _Integrated:
         """What is integrated out there."""

@@ -14,8 +14,7 @@ from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.model.term import Regressor
 
-# Share of the columns' unit length that keeps the normal equations of fewer rows regular.
-_RIDGE = 1e-10
+_RIDGE = 1e-10  # of the columns' unit length: keeps the normal equations of fewer rows regular
 
 
 def jackknife_error(left_out: FloatArray) -> float:
@@ -112,8 +111,7 @@ def _error(
             values[:, place] = (common / scale)[: len(columns)]
             others[problem.rows.order[unknowns.places[number]], place] = solve(own_right - across @ common) / own.scale
             others[problem.rows.order[unknowns.places[-1]], place] = (common / scale)[len(columns) :]
-        span = histories[number].span
-        mine = histories[number]
+        mine, span = histories[number], histories[number].span
         made = mine.grid.all_of(mine.kept.rates @ others[constants:][mine.places])
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
