@@ -44,7 +44,11 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
     `motions` of all flights as `motions_beside` has them.
     """
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
-    gains = {each.name: _held_out(judged, k) for k, each in enumerate(judged.fits)}
+    gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
+    for each, evidence in zip(judged.fits, judged.evidences, strict=True):
+        gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
+        error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
+        gains[each.name] = {"held_out_gain": float(np.sum(gain)), "held_out_gain_std_error": error}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
@@ -61,9 +65,7 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
         ),
         "record_errors": record_errors(own, judged.weight),
         **collinear([fit.columns[k] for k in known], fit.covariance[np.ix_(known, known)]),
-        "functions": {
-            name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
-        },
+        "functions": {k: along_flights(own, fit.columns, frame, by, judged.weight) for k, by in functions.items()},
         "series": tuple(_series(judged, k, histories, alone, motions[k]) for k in range(len(motions))),
     }
 
@@ -87,13 +89,6 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
         )
         found.append(known)
     return tuple(found)
-
-
-def _held_out(judged: Judged, place: int) -> dict[str, float]:
-    """The gain over the baseline only on stretches of time given the others, and its standard error over these."""
-    gains = judged.weight * (judged.evidences[place].held_out - judged.evidences[judged.null].held_out)
-    error = float(np.sqrt(gains.size * np.var(gains, ddof=1))) if gains.size > 1 else float("nan")
-    return {"held_out_gain": float(np.sum(gains)), "held_out_gain_std_error": error}
 
 
 def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evidence) -> Identification:

@@ -65,7 +65,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
-
+_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 Say = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
@@ -129,7 +129,11 @@ def judged(
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
         """The hypotheses in a time that flights share, and the likeliest."""
         shared, settings = shared_problem(reconstructions, config, common)
-        fits = _searched(shared, hypotheses, say)
+        fits: list[HypothesisFit] = []
+        for name, mechanisms in hypotheses.items():
+            say(f"fitting {hypothesis(name)}")
+            rival = min((fit.information for fit in fits), default=math.inf)
+            fits.append(fit_hypothesis(shared, name, mechanisms, rival))
         return shared, settings, fits, self_consistent(shared, likeliest(fits))
 
     shared, settings, fits, point = searched(None)
@@ -187,7 +191,10 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = moved(problem, pairs[place], closely=True)
-    pairs = [_without_idle_part(each, pairs) for each in pairs]
+    for k, (fit, _) in enumerate(pairs):  # of which a part does not act, as the one without that part
+        same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
+        like, own = min(same, key=lambda pair: len(pair[0].mechanisms))
+        pairs[k] = replace(like, name=fit.name, mechanisms=fit.mechanisms), own
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
     shares = [_share(pair) for pair in pairs]
     weight = independent * shares[place]
@@ -241,22 +248,6 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
     first = likeliest(there)
     worst = first.information + SEARCH_OUT_OF_REACH
     return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
-
-
-def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[HypothesisFit]:
-    """Every hypothesis searched on the grid of knots and delays, and refined."""
-    fits: list[HypothesisFit] = []
-    for name, mechanisms in hypotheses.items():
-        say(f"fitting {hypothesis(name)}")
-        rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
-    return fits
-
-
-def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
-    """A joined hypothesis of which a part does not act has the fit of the one without that part."""
-    like, own = min((e for e in pairs if acting_in(e[0]) == acting_in(pair[0])), key=lambda e: len(e[0].mechanisms))
-    return replace(like, name=pair[0].name, mechanisms=pair[0].mechanisms), own
 
 
 def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
@@ -408,9 +399,6 @@ def _described(fit: HypothesisFit) -> str:
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     return f"a moment that no mechanism on the list has ({shapes}{acts_since(fit, starts)})"
-
-
-_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 
 def acts_since(fit: HypothesisFit, starts: Sequence[float]) -> str:

@@ -14,7 +14,6 @@ from scipy.stats import chi2
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
@@ -30,12 +29,10 @@ LIMIT_LARGEST = 10.0  # rms moments above which nothing is known of a mechanism'
 LIMIT_PART = 0.25  # of the record, for which a mechanism acts whose coefficients are limited too
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 SECOND_EDGES = 21  # the same of a mechanism that may act beside the leader
-# Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
-SPENT = 1e-8
+SPENT = 1e-8  # of a column's squared length: below it what processes and the leader do not explain of it is rounding
 _AT_ONCE = 200  # parts of regions that are made together; of more the pairs between thetas cost more than they save
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
-# Condition number of a region's information, of unit columns, above which its terms cannot be distinguished.
-_WORST_CONDITION = 1e10
+_WORST_CONDITION = 1e10  # of a region's information, of unit columns, above which its terms cannot be distinguished
 _SURELY = 3.0  # standard errors beyond a bound of 0, from which a region's sign is not possible
 
 
@@ -188,17 +185,12 @@ def scale_variance(problem: Problem) -> float:
     for item in problem.rows.nuisances.items:
         if item.name in effects and np.isfinite(item.present):
             acting = flights if item.flight is None else [flights[item.flight]]
-            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
-            changes = [
-                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
-            ]
-            found += (sum(changes) / len(flights)) ** 2
+            moved = [effects[item.name].perturb(flight, item.component, item.size) for flight in acting]
+            there, own = (
+                [float(np.mean(each.vehicle.iyy / each.dynamic_pressure)) for each in some] for some in (moved, acting)
+            )
+            found += (sum(a / b - 1.0 for a, b in zip(there, own, strict=True)) / len(flights)) ** 2
     return found
-
-
-def _moment_per_rate(flight: Flight) -> float:
-    """Mean of inertia over dynamic pressure."""
-    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
 def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -37,12 +36,11 @@ from brv_hypo.subset.criteria import Criteria
 from brv_hypo.thresholds import SPECIFIC
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name)
-_NOTHING: Mapping[str, str] = MappingProxyType({})
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
 def criteria_disagree(
-    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = _NOTHING
+    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = {}
 ) -> tuple[str, ...]:
     """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
 
@@ -93,12 +91,7 @@ def summarise(
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     order = sorted(range(len(fits)), key=lambda i: (fits[i].information, len(fits[i].mechanisms)))
     ranking = tuple(
-        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
-            update={
-                "ml": _likelihood(fits[i], likelihoods.get(fits[i].name)),
-                "notes": (_LEFT_OUT,) if likelihoods.get(fits[i].name, True) is None else (),
-            }
-        )
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem, likelihoods)
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = problem.frame.reconstructions
@@ -176,7 +169,13 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: float, criteria: Criteria, null_error: float, problem: Problem
+    rank: int,
+    fit: HypothesisFit,
+    error: float,
+    criteria: Criteria,
+    null_error: float,
+    problem: Problem,
+    likelihoods: Mapping[str, Identification | None],
 ) -> RankedHypothesis:
     total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
@@ -199,6 +198,8 @@ def _ranked(
         knots=_knots(fit),
         criteria=asdict(criteria),
         status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
+        notes=(_LEFT_OUT,) if likelihoods.get(fit.name, True) is None else (),
+        ml=_likelihood(fit, likelihoods.get(fit.name)),
     )
 
 

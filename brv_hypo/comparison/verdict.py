@@ -26,8 +26,7 @@ from brv_hypo.io.text import error_share, hypothesis, number, times
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-# Of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone.
-FAR_BETTER = 0.25
+FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict several flights far better; wording alone
 # Nats as they count, from which a second mechanism is said to act: of two that act 200 to 9,000, of one up to 132
 # (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
@@ -199,24 +198,19 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-_NONE_ADEQUATE = "None of the hypotheses is adequate"
-
-
 def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
-    name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
+    name, fits = hypothesis(leader.name), "fits best"
     if leader.impossible is not None:
-        return f"{_NONE_ADEQUATE}: {name} fits best, but with {leader.impossible}. {remedy}"
-    if not fit.adequate:
-        return (
-            f"{_NONE_ADEQUATE}: {name} fits best, but beside all processes its residual is "
-            f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the tolerances that are "
-            f"stated (--instruments). {remedy}"
+        but = f"with {leader.impossible}"
+    elif not fit.adequate:
+        but = (
+            f"beside all processes its residual is {fit.noise:.2f} times the record's noise, more than {name} "
+            "explains. Check the tolerances that are stated (--instruments)"
         )
-    best = max(outside, key=lambda candidate: candidate.level)
-    return (
-        f"{_NONE_ADEQUATE}: {name} fits best of them, but {best.words} fits better (probability of "
-        f"something else {_share(chances[OTHER])}). {remedy}"
-    )
+    else:
+        best, fits = max(outside, key=lambda candidate: candidate.level), "fits best of them"
+        but = f"{best.words} fits better (probability of something else {_share(chances[OTHER])})"
+    return f"None of the hypotheses is adequate: {name} {fits}, but {but}. `brv-hypo trace` looks for what it is."
 
 
 def _named(verdict: Verdict, leader: Candidate) -> str:
@@ -288,9 +282,8 @@ def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Ve
     """The verdict, with another mechanism that seems to act beside its leader, and `where` in words."""
     if second.gain < SECOND_ACTS:
         return verdict
-    said = (
-        f" {second.mechanism} seems to act beside {leader}, about {where}: compare {leader}+{second.mechanism} as well."
-    )
+    both = f"{leader}+{second.mechanism}"
+    said = f" {second.mechanism} seems to act beside {leader}, about {where}: compare {both} as well."
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 

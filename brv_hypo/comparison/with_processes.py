@@ -78,10 +78,15 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     (fit, _), pairs = offered[0], list(offered)
     if len(fit.mechanisms) == 1:
         time = fit.frame.coefficient_time
-        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
+        starts = [-np.inf, *(column.time_basis.start for column in fit.selected), np.inf]
+        edges = np.unique(np.clip(starts, time.min(), time.max()))
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], edges, starts=[each for _, each in offered])
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
-    return _closed_or_not(problem, moved(problem, _without_unwanted(problem, likelier(pairs))))
+    fit, own = pair = moved(problem, _without_unwanted(problem, likelier(pairs)))
+    if not _may_end(fit):
+        return pair
+    # Nothing remains of a mechanism after its last change, unless the evidence clearly wants that.
+    return likelier([pair, moved(problem, fitted(problem, replace(fit, ends=not fit.ends), fit.selected, own))])
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -360,14 +365,6 @@ def _may_end(fit: HypothesisFit) -> bool:
     return often and len(fit.mechanisms) == len({column.theta for column in fit.selected}) == 1
 
 
-def _closed_or_not(problem: Problem, pair: Pair) -> Pair:
-    """With a mechanism of which nothing remains after its last change, unless the evidence clearly wants that."""
-    fit, own = pair
-    if not _may_end(fit):
-        return pair
-    return likelier([pair, moved(problem, fitted(problem, replace(fit, ends=not fit.ends), fit.selected, own))])
-
-
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
     """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay.
 
@@ -495,7 +492,9 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         parts = [list(chain(*region)) for region in fit.regions] if fit.ends else of_bases
         if len(parts) < 2:
             return pair
-        levels = [_level_without(fit, own, part) for part in parts]
+        nonlinear = list(enumerate(fit.nonlinear, start=len(fit.selected)))
+        alone = ([k for k, each in nonlinear if set(each.columns) <= set(part)] for part in parts)  # move nothing else
+        levels = [own.level_without([*part, *moving]) for part, moving in zip(parts, alone, strict=True)]
         least = int(np.argmax(levels))
         fewer = _with_columns(problem, fit, [c for k, c in enumerate(fit.selected) if k not in parts[least]])
         needed = own.level - price(fit) + price(fewer)
@@ -505,9 +504,3 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         if found[1].informed < _INFORMED or level(found) < needed:
             return pair
         pair = found
-
-
-def _level_without(fit: HypothesisFit, own: Evidence, places: Sequence[int]) -> float:
-    """The log evidence without some selected columns, and without a knot or delay that moves nothing else."""
-    alone = [len(fit.selected) + k for k, each in enumerate(fit.nonlinear) if set(each.columns) <= set(places)]
-    return own.level_without([*places, *alone])

@@ -36,7 +36,6 @@ class Offers:
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
     """The columns on offer for a hypothesis."""
-
     motion = frame.motions[frame.reference]
     knots = [problem.knots if (own := mechanism.knots(motion)) is None else own for mechanism in mechanisms]
 
