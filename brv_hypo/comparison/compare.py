@@ -164,9 +164,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
-    verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
-    verdict = with_far_processes(verdict, stated_processes())
     leading = fits[beside.leader]
+    verdict = with_far_processes(with_prediction_error(verdict, ratios[leading.name]), stated_processes())
     if second := acting_beside(leading, beside.evidences[beside.leader], answered, beside.weight):
         where = " to ".join(at(problem.frame.common, end) for end in second.region)
         verdict = with_second(verdict, leading.name, second, where)
@@ -200,10 +199,9 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         warnings = (*warnings, beyond)
     elif instead := far_beside_small(beside, verdict.processes):
         warnings = (*warnings, instead)
-    sized = best_by_size(problem, fits, criteria[beside.null])
-    events = (*events_unreached(comparison), *events_apart(beside))
-    about = {"best_by_size": sized, "warnings": (*events, *delays_at_bounds(fits[beside.leader]), *warnings)}
-    return comparison.model_copy(update={**known, **about})
+    known["best_by_size"] = best_by_size(problem, fits, criteria[beside.null])
+    events = (*events_unreached(comparison), *events_apart(beside), *delays_at_bounds(leading))
+    return comparison.model_copy(update={**known, "warnings": (*events, *warnings)})
 
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:

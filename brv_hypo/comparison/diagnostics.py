@@ -40,9 +40,7 @@ _TIMES = 100  # at which histories of processes are evaluated: three for each sp
 
 
 def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
-    """Fields of a comparison: what is known of its leader, and how each hypothesis predicts what was held out;
-    `motions` of all flights as `motions_beside` has them.
-    """
+    """Fields of a comparison, of its leader above all; `motions` of all flights as `motions_beside` has them."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
@@ -78,16 +76,11 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
     """
     found = []
     for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
-        moved = (motion.crossflow - before.crossflow)[motion.flight.measured()]
-        off = rms(moved) / np.sqrt(2.0)
-        turn = off / np.maximum(motion.motion.alpha, 1e-12)
-        known = replace(
-            motion,
-            alpha_sigma=np.hypot(motion.alpha_sigma, off),
-            phi_w_sigma=np.minimum(np.hypot(motion.phi_w_sigma, turn), UNKNOWN_ANGLE),
-            warnings=tuple(dict.fromkeys((*before.warnings, *motion.warnings))),
-        )
-        found.append(known)
+        off = rms((motion.crossflow - before.crossflow)[motion.flight.measured()]) / np.sqrt(2.0)
+        turned = np.hypot(motion.phi_w_sigma, off / np.maximum(motion.motion.alpha, 1e-12))
+        sigmas = {"alpha_sigma": np.hypot(motion.alpha_sigma, off), "phi_w_sigma": np.minimum(turned, UNKNOWN_ANGLE)}
+        warnings = tuple(dict.fromkeys((*before.warnings, *motion.warnings)))
+        found.append(replace(motion, **sigmas, warnings=warnings))
     return tuple(found)
 
 
@@ -154,9 +147,7 @@ def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> st
 
 
 def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
-    """The knots of the leader, by how much each comes later on a flight than in the time that flights share (knots,
-    flights) s, and which knots (knots,) significantly do.
-    """
+    """Knots of the leader, how late each comes on each flight (knots, flights) s, which significantly (knots,)."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
@@ -227,28 +218,23 @@ def events_unreached(comparison: Comparison) -> tuple[str, ...]:
 
 def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
     """Delays, and what else terms depend on, that lie at an end of what is searched."""
-    found = []
-    for each in fit.nonlinear:
-        low, high = each.bounds
-        if each.kind == "theta" and min(each.value - low, high - each.value) <= _AT_BOUND * (high - low):
-            found.append(
-                f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
-                f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
-            )
-    return tuple(found)
+    searched = [(each, *each.bounds) for each in fit.nonlinear if each.kind == "theta"]
+    return tuple(
+        f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
+        f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
+        for each, low, high in searched
+        if min(each.value - low, high - each.value) <= _AT_BOUND * (high - low)
+    )
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:
     """Fields of a result: pairs of coefficients that are nearly collinear, with their numbers, and what they form."""
     starts = [each.time_basis.start for each in columns]
-    labels = [
-        each.label + (f" at {at:.2f} s" if np.isfinite(at) else "") for each, at in zip(columns, starts, strict=True)
-    ]
+    when = [f" at {start:.2f} s" if np.isfinite(start) else "" for start in starts]
+    labels = [each.label + at for each, at in zip(columns, when, strict=True)]
     pairs = collinear_pairs(covariance).values()
-    return {
-        "collinear": tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs),
-        "collinear_groups": collinear_groups(labels, covariance),
-    }
+    named = tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs)
+    return {"collinear": named, "collinear_groups": collinear_groups(labels, covariance)}
 
 
 def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
@@ -296,9 +282,7 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
 def _series(
     judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None, known: Reconstruction
 ) -> Series:
-    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone; its motion is
-    `known`.
-    """
+    """Histories of a flight, whose motion is `known`: of hypotheses `found`, and of the `best` mechanism alone."""
     own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
     frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
     observed = residual_moments(frame, problem.records, frame.observed)

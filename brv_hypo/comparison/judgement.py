@@ -181,9 +181,7 @@ def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
 
 
 def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-    """Every hypothesis with its evidence and its errors beside processes; `whole` is the problem with processes, and
-    both are linear `about` a fit.
-    """
+    """Every hypothesis with its evidence beside processes, which `whole` has; both are linear `about` a fit."""
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
     first = [with_its_evidence(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
@@ -241,10 +239,8 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
 
     Those that stay out of reach keep theirs.
     """
-    there = [
-        renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), Steps(0, 0.0))
-        for fit in fits
-    ]
+    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
+    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
     first = likeliest(there)
     worst = first.information + SEARCH_OUT_OF_REACH
     return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
@@ -284,8 +280,8 @@ def explained(judged: Judged) -> Explained:
     Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
+    noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
     if not np.any(of_terms := leader.terms.acting):
-        noise = _noise_share(judged)
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
     made = judged.rows.beside_baseline(leader.terms.x[:, of_terms])
 
@@ -297,15 +293,9 @@ def explained(judged: Judged) -> Explained:
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
     error = jackknife_error(without)
     low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
-    noise = min(_noise_share(judged), 1.0 - share)
+    noise = min(noise, 1.0 - share)
     rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
     return Explained(share=share, interval_95=(low, high), **rest)
-
-
-def _noise_share(judged: Judged) -> float:
-    """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
-    own = judged.evidences[judged.leader]
-    return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
@@ -362,7 +352,9 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
     found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
-    if (stretch := _stretch(leader, frame)) is not None:
+    starts = sorted({c.time_basis.start for c in leader.selected if c.time_basis.kind != "constant"})
+    if starts:  # from where to where the leader acts, s
+        stretch = (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max()))
         edges, turning = np.array(stretch), turning_moment(problem, listed, OUTSIDE, *stretch)
         (shapes,) = regions([null], frame, turning, edges, most=1) if turning is not None else ([],)
         if turning is not None and shapes:
@@ -383,13 +375,6 @@ def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
     if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
         return True
     return bool(specific) and own.level - own.level_without(specific) > SPECIFIC
-
-
-def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:
-    """From where to where the leader acts, s; None where it changes at no time."""
-    bases = [column.time_basis for column in leader.selected if column.time_basis.kind != "constant"]
-    starts = sorted({basis.start for basis in bases})
-    return (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max())) if starts else None
 
 
 def _described(fit: HypothesisFit) -> str:

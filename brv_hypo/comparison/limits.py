@@ -71,21 +71,16 @@ def limits(
     The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
     `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
-    rows = evidence.rows
-    frame = rows.frame_of(leader)
-    moment = rows.measured_moment
+    rows, frame, covariance = evidence.rows, evidence.rows.frame_of(leader), evidence.covariance / weight
+    moment, whole_record = rows.measured_moment, np.ptp(frame.coefficient_time)
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
-    whole_record = np.ptp(frame.coefficient_time)
-    known: dict[str, float] = {}
-    of_leader = _fitted(leader, frame, evidence.covariance / weight, scale, own) if own else (0.0, 0.0, 0.0)
+    of_leader = _fitted(leader, frame, covariance, scale, own) if own else (0.0, 0.0, 0.0)
     fitted = {"share_of_moment": of_leader[0] / moment, "share_std_error": of_leader[1] / moment}
-    in_part: dict[str, float] = {}
-    sizes: dict[str, dict[str, float]] = {}
+    known, in_part, sizes = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            of_it = of_leader
-            if len(own) > 1:
-                of_it = _fitted(leader, frame, evidence.covariance / weight, scale, {mechanism.name})
+            one = {mechanism.name}
+            of_it = of_leader if own == one else _fitted(leader, frame, covariance, scale, one)
             known[mechanism.name] = of_it[2] / moment
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
@@ -254,9 +249,7 @@ def regions(
 
 @lru_cache(maxsize=8)
 def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
-    """First and last edge and width (regions, 3) of every region of so many parts, how much of each it holds
-    (regions, count).
-    """
+    """First and last edge and width (regions, 3) of regions, and how much of each part they hold (regions, count)."""
     ends = np.array(
         [
             (first, last, width)
@@ -344,13 +337,11 @@ def _shapes(
         if moments is not None:
             made = moments[:, mine]
             gram = list(over_regions(np.real(np.conj(made).T @ made) / made.shape[0], kept))
-        regions = edges[ends[kept, :2].astype(int)].tolist()
-        onsets = (part * ends[kept, 2]).tolist()
+        regions, onsets = edges[ends[kept, :2].astype(int)].tolist(), (part * ends[kept, 2]).tolist()
+        columns = zip(peak, estimate, kept, gram, regions, onsets, strict=True)
         return [
             Shape(float(gain), own, information[j], squared, thetas[number], (start, stop), onset)
-            for gain, own, j, squared, (start, stop), onset in zip(
-                peak, estimate, kept, gram, regions, onsets, strict=True
-            )
+            for gain, own, j, squared, (start, stop), onset in columns
         ]
 
     found = [evidence.projected(products) for evidence in evidences]

@@ -23,7 +23,7 @@ from brv_hypo.linearisation.response import PropagatedMotion, cycles, linearisat
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
-from brv_hypo.model.common_time import CommonTime, OwnTime, common_time
+from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import default_knots
 from brv_hypo.motion import ReconstructionConfig
@@ -98,13 +98,22 @@ def aligned(
     """
 
     def alone(flight: int) -> list[_Event]:
-        """The events of a flight by itself; none where it is too short to be compared so."""
+        """The jumps of the fit of a flight by itself; none where it is too short to be compared so."""
         try:
             problem, _ = shared_problem([reconstructions[flight]], config)
         except UnanswerableError:
             return []
         own = self_consistent(problem, fit_hypothesis(problem, fit.name, fit.mechanisms))
-        return _events(own, common.flights[flight])
+        changes = dict[float, dict[str, float]]()
+        for column, value in zip(own.selected, own.values[own.baseline_size :], strict=True):
+            if column.time_basis.kind == "jump":
+                changes.setdefault(column.time_basis.start, {})[column.term] = float(value)
+        sizes = [math.hypot(*each.values()) for each in changes.values()]
+        # The largest is known to within a sample, others the worse the smaller they are.
+        largest = shift_sigma(own.frame.reconstructions[0].flight.step) * max(sizes, default=0.0)
+        times = [float(common.flights[flight].common_at(np.array(time))) for time in changes]
+        found = zip(times, sizes, changes.values(), strict=True)
+        return [_Event(time, largest / max(size, 1e-300), each) for time, size, each in found]
 
     events = [alone(flight) for flight in range(len(reconstructions))]
     start, stop = common.span
@@ -140,20 +149,6 @@ class _Event:
             return False
         mine, theirs = (np.array([each[key] for key in self.changes]) for each in (self.changes, other.changes))
         return float(np.linalg.norm(mine - theirs)) < 0.5 * float(np.linalg.norm(mine) + np.linalg.norm(theirs))
-
-
-def _events(fit: HypothesisFit, own: OwnTime) -> list[_Event]:
-    """The jumps of a flight's fit: the largest is known to within a sample, others the worse the smaller they are."""
-    changes: dict[float, dict[str, float]] = {}
-    for column, value in zip(fit.selected, fit.values[fit.baseline_size :], strict=True):
-        if column.time_basis.kind == "jump":
-            changes.setdefault(column.time_basis.start, {})[column.term] = float(value)
-    sizes = [math.hypot(*each.values()) for each in changes.values()]
-    step, pairs = fit.frame.reconstructions[0].flight.step, zip(changes.items(), sizes, strict=True)
-    return [
-        _Event(float(own.common_at(np.array(time))), shift_sigma(step) * max(sizes) / max(size, 1e-300), each)
-        for (time, each), size in pairs
-    ]
 
 
 # ---- The problem ----

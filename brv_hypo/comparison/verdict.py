@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,6 +16,7 @@ from brv_hypo.comparison.result import (
     Adequacy,
     Explained,
     Interval,
+    Outcome,
     ProcessEstimate,
     RecordError,
     Verdict,
@@ -92,26 +93,15 @@ def probabilities(
     return {name: weight / sum(weights.values()) for name, weight in weights.items()}
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """What the rules make of evidences: who leads, how probable all are, whether it is adequate and predicts better."""
 
     leader: Candidate
     chances: Mapping[str, float]
     adequate: bool
     predicts: bool
-
-    @property
-    def outcome(self) -> Literal["named", "undecided", "none adequate"]:
-        """That nothing listed is adequate has to be as probable as a name."""
-        if not self.adequate:
-            return "none adequate"
-        return "named" if self.chances[self.leader.name] >= WINNING_PROBABILITY and self.predicts else "undecided"
-
-    @property
-    def winner(self) -> str | None:
-        """What is named."""
-        return self.leader.name if self.outcome == "named" else None
+    outcome: Outcome
+    winner: str | None
 
 
 def judge(
@@ -181,7 +171,9 @@ def decide(
     explains = fit.explains > 0.0 and fit.significant
     predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
-    return Decision(leader, chances, adequate, predicts)
+    certain = chances[leader.name] >= WINNING_PROBABILITY
+    outcome: Outcome = "none adequate" if not adequate else "named" if certain and predicts else "undecided"
+    return Decision(leader, chances, adequate, predicts, outcome, leader.name if outcome == "named" else None)
 
 
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
@@ -229,9 +221,7 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
 
 
 def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
-    """The verdict, where a mechanism that it names does not predict, by a held-out `ratio` of errors above 1, without
-    that name: a name has to predict.
-    """
+    """The verdict without the name of a mechanism that does not predict: a held-out `ratio` of errors above 1."""
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     chance = _share(verdict.probability[verdict.winner])
@@ -250,9 +240,7 @@ def _described(verdict: Verdict, described: str, reason: str) -> Verdict:
 
 
 def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
-    """The verdict, where an error of record or vehicle, the first, is far beyond its tolerance beside a mechanism that
-    it names, without that name.
-    """
+    """The verdict without the name of a mechanism beside which the first error is far beyond its tolerance."""
     best = verdict.winner or verdict.described
     if best in (None, NONE) or not (far := far_beyond(errors)):
         return verdict

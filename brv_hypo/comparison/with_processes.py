@@ -130,9 +130,7 @@ def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
 
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
-    """With onsets that take time, and further times between which the one mechanism acts, where the evidence clearly
-    wants them; what is but the shape of an onset is none of these.
-    """
+    """With onsets that take time, and further times of acting, not the shape of an onset, where clearly wanted."""
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
@@ -192,9 +190,8 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
     middles = jump.start + halves * np.tile(shifts, len(WIDTHS))
     inside = (middles - halves > time.min()) & (middles + halves < time.max())
     halves, middles = halves[inside], middles[inside]
-    ramps = [
-        TimeBasis("ramp", at - half, at + half) for at, half in zip(middles.tolist(), halves.tolist(), strict=True)
-    ]
+    pairs = zip(middles.tolist(), halves.tolist(), strict=True)
+    ramps = [TimeBasis("ramp", at - half, at + half) for at, half in pairs]
     if not ramps:
         return jump, 0.0
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
@@ -273,12 +270,8 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
             fit, own = here
             beside = (own, own.beside_small) if own.has_large_processes else (own,)
             _, likely = _likely_regions(own.rows.frame_of(like), [other], beside)
-            tried = [
-                moved(
-                    problem, fitted(problem, like, (*fit.selected, *_acting_between(other, shape, like.frame)), *beside)
-                )
-                for (_, shape), *_ in filter(None, likely)
-            ]
+            acts = (_acting_between(other, best[0][1], like.frame) for best in likely if best)
+            tried = [moved(problem, fitted(problem, like, (*fit.selected, *more), *beside)) for more in acts]
             here = likelier(tried) if tried else None
         found += [here] if here is not None else []
     return found
@@ -470,9 +463,7 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
-    """Without changes that lower the evidence, of a mechanism that ends without such regions, the least wanted first;
-    two knots within a sample are one.
-    """
+    """Without changes, or regions of what ends, that are not wanted, worst first; knots within a sample are one."""
     step = max(record.flight.step for record in problem.records)
     while True:
         fit, own = pair

@@ -38,9 +38,7 @@ def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """A moment model with its `values` (columns,) to linearise about, and every flight's `errors` (SI) beside it, which
-    were taken out of the records.
-    """
+    """A moment model with `values` (columns,), and every flight's `errors` (SI), taken out of the records before."""
 
     mechanisms: tuple[Mechanism, ...]
     columns: tuple[Regressor, ...]

@@ -227,9 +227,7 @@ def process_history(
 
 
 def moment_of_process(own: Evidence, place: int, process: MomentProcess) -> tuple[float, float]:
-    """The rms over all flights of the moment coefficient that a process makes, and of its standard error, those of the
-    splines taken as independent.
-    """
+    """The rms over flights of a process's moment coefficient and of its standard error, splines independent."""
     squares, variances = list[FloatArray](), list[FloatArray]()
     for flight, motion in enumerate(own.rows.frame.motions):
         shares = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])

@@ -146,10 +146,9 @@ class Evidence(_Integrated):
         """
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
-        columns = self.terms.x[:, :count]
-        made = columns @ (
-            values if self.terms.coefficients is None else np.linalg.solve(self.terms.coefficients, values)
-        )
+        if (closed := self.terms.coefficients) is not None:
+            values = np.linalg.solve(closed, values)
+        made = self.terms.x[:, :count] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
@@ -244,9 +243,7 @@ class Evidence(_Integrated):
         return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
 
     def level_without(self, chosen: Sequence[int]) -> float:
-        """Log evidence without some columns of X, at the same amplitudes (Savage and Dickey: Verdinelli and Wasserman
-        1995).
-        """
+        """Log evidence without some of X, at the same amplitudes (Savage, Dickey: Verdinelli and Wasserman 1995)."""
         places = self.rows.shared.shape[1] + np.array(chosen)
         covariance = self.solution.covariance[np.ix_(places, places)]
         at_mode, spread = self.solution.border[places], _spreads(self.rows, self.terms, self.at)[places]
@@ -360,15 +357,11 @@ class Evidence(_Integrated):
         return _factored(self.products, self.rows, self.at)
 
     def with_moments(self, rates: FloatArray) -> Products:
-        """The scalar products with moments by their rates (rate rows, k) after the terms: of all evidences of these
-        terms the same.
-        """
+        """Those with moments by their rates (rate rows, k) after the terms: of all evidences of these the same."""
         return self.products.beside_moments(self.rows, self.terms.x, rates)
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
-        """X'PX and X'Py of the columns X after the terms, where P is the inverse covariance with all else integrated
-        out.
-        """
+        """X'PX and X'Py of what is beside the terms, P the inverse covariance with all else integrated out."""
         inner, right = _reduced(products, _eliminated(products, self.rows, self.at, self._factors))
         spread = _spreads(self.rows, self.terms, self.at)
         first = spread.size
@@ -450,9 +443,7 @@ def _beyond(at: FloatArray) -> FloatArray:
 
 
 def rows_under_own_noise(whole: Problem, point: HypothesisFit) -> tuple[Rows, FloatArray]:
-    """The rows about a fit, under the noise that each channel has beside it and all processes; the logarithms of noise
-    and amplitudes there.
-    """
+    """The rows about a fit, each channel under its noise beside all processes; logarithms of the amplitudes."""
     rows, noise, half = rows_of(whole, point), whole.rows.noise, whole.rows.rates
     own = maximised(rows, rows.terms(point))
     residual, start = own.residual, own.at[: 1 + len(rows.groups)]
@@ -495,9 +486,7 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
 
 
 def _factor(matrix: FloatArray, largest: float) -> FloatArray:
-    """Its lower factor; of one whose smallest eigenvalues are lost in rounding (a record without noise), with these at
-    what rounding leaves of the `largest` that it was made of.
-    """
+    """Its lower factor; eigenvalues lost in rounding, as without noise, are at what that leaves of the `largest`."""
     try:
         return np.asarray(cholesky(matrix, lower=True, check_finite=False))
     except LinAlgError:

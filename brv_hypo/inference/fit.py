@@ -27,7 +27,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.term import Regressor
 
 # Bound the time; held by `tests.studies.independent.study`.
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
@@ -212,12 +212,8 @@ def fit_hypothesis(
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
     """The same columns, in time order (what is scanned first, not what was found first), under the problem's noise."""
-
-    def place(column: Regressor) -> tuple[bool, float, str, Theta]:
-        """What always acts comes first; then what begins first."""
-        return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
-
-    return refined_fit(problem, fit, (*problem.baseline, *sorted(fit.selected, key=place)), fit.selected, steps)
+    ordered = sorted(fit.selected, key=lambda column: (column.time_basis.start, column.mechanism, column.theta))
+    return refined_fit(problem, fit, (*problem.baseline, *ordered), fit.selected, steps)
 
 
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

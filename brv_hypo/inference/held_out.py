@@ -55,9 +55,7 @@ def held_out(problem: Problem, models: Sequence[tuple[RateFrame, Sequence[Regres
 
 @dataclass(frozen=True)
 class _Flight:
-    """One flight's own unknowns at unit length (rows, unknowns), their products with themselves and the response, and
-    which of its rows are of each block.
-    """
+    """A flight's own unknowns at unit length (rows, unknowns), their products, and its rows of each block."""
 
     unit: FloatArray
     scale: FloatArray
@@ -123,9 +121,7 @@ def _error(
 def _schur(
     products: FloatArray, border: FloatArray, right: FloatArray
 ) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
-    """What eliminating a flight's unknowns takes of the products of what all share and of their right side; and what
-    solves for them.
-    """
+    """What eliminating a flight's unknowns takes of the shared products and right side; what solves for them."""
     factor = cho_factor(products, check_finite=False)
 
     def solve(rows: FloatArray) -> FloatArray:

@@ -58,9 +58,7 @@ class Nonlinear:
     units: str = "s"
 
     def others(self, points: int, part: float = 1.0) -> list[float]:
-        """Other values to try within the bounds: over that part of those of a knot; for a theta, within a factor of
-        `SCANNED_FACTOR`.
-        """
+        """Values to try: over a part of the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
             factor = SCANNED_FACTOR**part
@@ -206,15 +204,13 @@ def _best_of(
     products[:, :rest, rest:], products[:, rest:, :rest] = across, across.transpose(0, 2, 1)
     own = moved.products(moved).reshape(count, size, count, size)
     products[:, rest:, rest:] = own[np.arange(count), :, np.arange(count)]
-    right = _after(reduced.right(others), reduced.right(moved), count)
-    found = solve_normal(products, right, _after(others.squares, moved.squares, count))
+    right, squares = (
+        np.hstack([np.tile(shared, (count, 1)), own_of_each.reshape(count, -1)])
+        for shared, own_of_each in ((reduced.right(others), reduced.right(moved)), (others.squares, moved.squares))
+    )
+    found = solve_normal(products, right, squares)
     best = int(np.argmax(np.sum(right * found, axis=1)))
     return best, moved.of(slice(best * size, (best + 1) * size))
-
-
-def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
-    """`shared` (a,) before each of `count` parts of `own` (count * b,): (count, a + b)."""
-    return np.concatenate([np.tile(shared, (count, 1)), own.reshape(count, -1)], axis=1)
 
 
 def prediction_slopes(

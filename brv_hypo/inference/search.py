@@ -56,9 +56,7 @@ def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) 
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> tuple[RateFrame, Offers, dict[int, Subset]]:
-    """Frame and offers of a hypothesis on the grid of knots and thetas, and for each number of columns above 0 the
-    subset of least RSS of either kind of offer.
-    """
+    """Frame and offers of a hypothesis on the grid, and by number of columns above 0 the subset of least RSS."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)

@@ -167,10 +167,7 @@ class UnmodelledMoment(Mechanism):
 
 
 def unmodelled_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnmodelledMoment, ...]:
-    """One of each shape with more than the share `beyond` of its rms beyond what each listed mechanism reproduces.
-
-    Over all flights. A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
-    """
+    """One of each shape that no listed mechanism reproduces, but for the share `beyond` of its rms."""
     names = _unlike(_SHAPES, listed, problem.frame.motions, beyond)
     return tuple(UnmodelledMoment(shapes=(name,)) for name in names)
 
@@ -225,15 +222,14 @@ def turning_moment(
 def _unlike(
     shapes: Mapping[_Key, Shape], listed: Sequence[Mechanism], motions: Sequence[Motion], beyond: float
 ) -> tuple[_Key, ...]:
-    """Which shapes have, over all flights, more than the share `beyond` of their rms beyond what each listed mechanism
-    without nonlinear parameters reproduces.
-    """
+    """Which shapes have over all flights more than the share `beyond` of their rms beyond each listed mechanism."""
 
     def stacked(shape: Shape) -> FloatArray:
         """Its components, real above imaginary (2 samples of all flights, components)."""
         components = [np.concatenate(each) for each in zip(*map(shape, motions), strict=True)]
         return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
 
+    # A mechanism with nonlinear parameters has no shape of its own.
     plain = (partial(_components, each, {}) for each in listed if not each.parameters())
     bases = [np.linalg.qr(stacked(shape))[0] for shape in plain]
 
