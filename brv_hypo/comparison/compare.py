@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -125,8 +124,14 @@ def compare(
     if not (record.sound or config.accept_record):
         return refused(tried, [trial for _, trial in trials], config.method)
     analysed = [averaged(flight) for flight in tried]
+    names = {mechanism.name for mechanisms in wanted.values() for mechanism in mechanisms}
+
+    def compared_without(faulty: frozenset[str]) -> Comparison:
+        with requested({*names, *(config.mechanisms or ())}, faulty):
+            return _compare(analysed, config, say, faulty)
+
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found, reasons = without_faulty(partial(_compare_without, analysed, config, say))
+        found, reasons = without_faulty(compared_without)
     if not record.sound:
         reason = f"{found.verdict.reason} But the record contradicts itself: what it seems to say may be that."
         found = found.model_copy(update={"verdict": found.verdict.model_copy(update={"reason": reason})})
@@ -137,13 +142,6 @@ def compare(
     }
     report(1.0, "compared")
     return found.model_copy(update=about_record)
-
-
-def _compare_without(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
-    """The comparison with those nuisances of other distributions that it names."""
-    names = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
-    with requested({*names, *(config.mechanisms or ())}, faulty):
-        return _compare(flights, config, say, faulty)
 
 
 def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
@@ -166,9 +164,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
-    verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
-    verdict = with_far_processes(verdict, stated_processes())
     leading = fits[beside.leader]
+    verdict = with_far_processes(with_prediction_error(verdict, ratios[leading.name]), stated_processes())
     if second := acting_beside(leading, beside.evidences[beside.leader], answered, beside.weight):
         where = " to ".join(at(problem.frame.common, end) for end in second.region)
         verdict = with_second(verdict, leading.name, second, where)
@@ -202,30 +199,31 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         warnings = (*warnings, beyond)
     elif instead := far_beside_small(beside, verdict.processes):
         warnings = (*warnings, instead)
-    sized = best_by_size(problem, fits, criteria[beside.null])
-    events = (*events_unreached(comparison), *events_apart(beside))
-    about = {"best_by_size": sized, "warnings": (*events, *delays_at_bounds(fits[beside.leader]), *warnings)}
-    return comparison.model_copy(update={**known, **about})
+    known["best_by_size"] = best_by_size(problem, fits, criteria[beside.null])
+    events = (*events_unreached(comparison), *events_apart(beside), *delays_at_bounds(leading))
+    return comparison.model_copy(update={**known, "warnings": (*events, *warnings)})
 
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
-    null, weight = beside.evidences[beside.null], beside.weight
-    listed = [
-        Candidate(
-            fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, weight * (own.level - null.level))
-        )
-        for fit, own in zip(beside.fits, beside.evidences, strict=True)
-        if not fit.mechanisms or (fit.selected and not _has_idle_part(fit, beside.fits))  # of others nothing is known
-    ]
+    null, weight, listed = beside.evidences[beside.null], beside.weight, []
+    for fit, own in zip(beside.fits, beside.evidences, strict=True):
+        fewer = [each for each in beside.fits if len(each.mechanisms) < len(fit.mechanisms)]
+        if fit.mechanisms and (not fit.selected or any(acting_in(each) == acting_in(fit) for each in fewer)):
+            continue  # nothing is known of it, or the same mechanisms act as in one of the others
+        # A value that no body has counts where without it most of the log evidence that the fit gains is lost.
+        excess, gain = out_of_bounds(fit), weight * (own.level - null.level)
+        costs = excess is not None and 0.5 * excess.sigmas**2 > BOUND_COSTS * max(gain, 0.0)
+        impossible = excess.words if excess is not None and costs else None
+        listed.append(Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
         Candidate(fit.name, weighed(fit, own.level - null.level, weight), weight * own.held_out, words=words)
         for words, fit, own in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
-    fit = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
-    verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
+    how = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
+    verdict = judge(listed, instead, how, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)
@@ -258,19 +256,6 @@ def identify_credible(
         regressed = Regressed.of(problem, fit)
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, regressed=regressed, **options)
     return found
-
-
-def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:
-    """Whether a joined hypothesis is one of the others: the same mechanisms act, and it has more."""
-    return any(len(e.mechanisms) < len(fit.mechanisms) and acting_in(e) == acting_in(fit) for e in fits)
-
-
-def _impossible(fit: HypothesisFit, gain: float) -> str | None:
-    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost; the
-    `gain` is weighed, as the fit's errors are.
-    """
-    excess = out_of_bounds(fit)
-    return None if excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
 
 
 def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:

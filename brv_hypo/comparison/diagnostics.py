@@ -40,11 +40,13 @@ _TIMES = 100  # at which histories of processes are evaluated: three for each sp
 
 
 def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
-    """Fields of a comparison: what is known of its leader, and how each hypothesis predicts what was held out;
-    `motions` of all flights as `motions_beside` has them.
-    """
+    """Fields of a comparison, of its leader above all; `motions` of all flights as `motions_beside` has them."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
-    gains = {each.name: _held_out(judged, k) for k, each in enumerate(judged.fits)}
+    gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
+    for each, evidence in zip(judged.fits, judged.evidences, strict=True):
+        gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
+        error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
+        gains[each.name] = {"held_out_gain": float(np.sum(gain)), "held_out_gain_std_error": error}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
@@ -61,9 +63,7 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
         ),
         "record_errors": record_errors(own, judged.weight),
         **collinear([fit.columns[k] for k in known], fit.covariance[np.ix_(known, known)]),
-        "functions": {
-            name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
-        },
+        "functions": {k: along_flights(own, fit.columns, frame, by, judged.weight) for k, by in functions.items()},
         "series": tuple(_series(judged, k, histories, alone, motions[k]) for k in range(len(motions))),
     }
 
@@ -76,24 +76,12 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
     """
     found = []
     for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
-        moved = (motion.crossflow - before.crossflow)[motion.flight.measured()]
-        off = rms(moved) / np.sqrt(2.0)
-        turn = off / np.maximum(motion.motion.alpha, 1e-12)
-        known = replace(
-            motion,
-            alpha_sigma=np.hypot(motion.alpha_sigma, off),
-            phi_w_sigma=np.minimum(np.hypot(motion.phi_w_sigma, turn), UNKNOWN_ANGLE),
-            warnings=tuple(dict.fromkeys((*before.warnings, *motion.warnings))),
-        )
-        found.append(known)
+        off = rms((motion.crossflow - before.crossflow)[motion.flight.measured()]) / np.sqrt(2.0)
+        turned = np.hypot(motion.phi_w_sigma, off / np.maximum(motion.motion.alpha, 1e-12))
+        sigmas = {"alpha_sigma": np.hypot(motion.alpha_sigma, off), "phi_w_sigma": np.minimum(turned, UNKNOWN_ANGLE)}
+        warnings = tuple(dict.fromkeys((*before.warnings, *motion.warnings)))
+        found.append(replace(motion, **sigmas, warnings=warnings))
     return tuple(found)
-
-
-def _held_out(judged: Judged, place: int) -> dict[str, float]:
-    """The gain over the baseline only on stretches of time given the others, and its standard error over these."""
-    gains = judged.weight * (judged.evidences[place].held_out - judged.evidences[judged.null].held_out)
-    error = float(np.sqrt(gains.size * np.var(gains, ddof=1))) if gains.size > 1 else float("nan")
-    return {"held_out_gain": float(np.sum(gains)), "held_out_gain_std_error": error}
 
 
 def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evidence) -> Identification:
@@ -159,9 +147,7 @@ def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> st
 
 
 def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
-    """The knots of the leader, by how much each comes later on a flight than in the time that flights share (knots,
-    flights) s, and which knots (knots,) significantly do.
-    """
+    """Knots of the leader, how late each comes on each flight (knots, flights) s, which significantly (knots,)."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
@@ -232,28 +218,23 @@ def events_unreached(comparison: Comparison) -> tuple[str, ...]:
 
 def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
     """Delays, and what else terms depend on, that lie at an end of what is searched."""
-    found = []
-    for each in fit.nonlinear:
-        low, high = each.bounds
-        if each.kind == "theta" and min(each.value - low, high - each.value) <= _AT_BOUND * (high - low):
-            found.append(
-                f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
-                f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
-            )
-    return tuple(found)
+    searched = [(each, *each.bounds) for each in fit.nonlinear if each.kind == "theta"]
+    return tuple(
+        f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
+        f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
+        for each, low, high in searched
+        if min(each.value - low, high - each.value) <= _AT_BOUND * (high - low)
+    )
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:
     """Fields of a result: pairs of coefficients that are nearly collinear, with their numbers, and what they form."""
     starts = [each.time_basis.start for each in columns]
-    labels = [
-        each.label + (f" at {at:.2f} s" if np.isfinite(at) else "") for each, at in zip(columns, starts, strict=True)
-    ]
+    when = [f" at {start:.2f} s" if np.isfinite(start) else "" for start in starts]
+    labels = [each.label + at for each, at in zip(columns, when, strict=True)]
     pairs = collinear_pairs(covariance).values()
-    return {
-        "collinear": tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs),
-        "collinear_groups": collinear_groups(labels, covariance),
-    }
+    named = tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs)
+    return {"collinear": named, "collinear_groups": collinear_groups(labels, covariance)}
 
 
 def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
@@ -264,7 +245,7 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
         return ()
-    best, n = on_grid(problem, likeliest(searched).mechanisms).best, problem.response.size
+    (_, _, best), n = on_grid(problem, likeliest(searched).mechanisms), problem.response.size
     forced = round(n * none.expected_variance / none.adjusted_rss)  # the baseline's p, by (b) and (f)
     variance = none.rss / (none.cp + n - 2 * forced)
     sized = [(0, none.rss, ()), *((size, *found) for size, found in sorted(best.items()))]
@@ -301,9 +282,7 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
 def _series(
     judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None, known: Reconstruction
 ) -> Series:
-    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone; its motion is
-    `known`.
-    """
+    """Histories of a flight, whose motion is `known`: of hypotheses `found`, and of the `best` mechanism alone."""
     own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
     frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
     observed = residual_moments(frame, problem.records, frame.observed)

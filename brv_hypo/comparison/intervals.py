@@ -98,19 +98,18 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
     region = (start, stop)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     found = []
-    for (mechanism, _, term), members, value, sigma in zip(
-        groups, groups.values(), values.tolist(), sigmas, strict=True
-    ):
+    for ((mechanism, _, term), members), value, sigma in zip(groups.items(), values.tolist(), sigmas, strict=True):
         column = fit.selected[members[0]]
         where = {"channel": channel_of(column, fit.frame), "region_s": region, "delay_s": column.delay}
-        found.append(estimate(term, mechanism, value, sigma, _units(column), **where))
+        # A ramp's value at an instant has no `per second`.
+        units = column.units.removesuffix("/s") if column.time_basis.kind == "ramp" else column.units
+        found.append(estimate(term, mechanism, value, sigma, units, **where))
     used = {place for members in groups.values() for place in members}
     delays = [k for k, each in enumerate(fit.nonlinear) if each.kind == "theta" and used & set(each.columns)]
     together = fit.covariance_of(np.concatenate([rows, np.eye(rows.shape[1])[[first + count + k for k in delays]]]))
     names = [*(each.name for each in found), *(fit.nonlinear[k].name for k in delays)]
     collinear = collinear_groups(names, together)
-    derived = _derived(fit, list(groups), values, covariance)
-    for name, d in derived:
+    for name, d in _derived(fit, list(groups), values, covariance):
         found.append(estimate(d.name, name, d.value, d.std_error, d.units, channel="both", region_s=region))
     return NetInterval(start_s=start, stop_s=stop, values=tuple(found), collinear_groups=collinear)
 
@@ -129,14 +128,9 @@ def _first_like(columns: Sequence[Regressor], column: Regressor) -> Theta:
     )
 
 
-def _units(column: Regressor) -> str:
-    """Units of the coefficient itself: a ramp's value at an instant has no `per second`."""
-    return column.units.removesuffix("/s") if column.time_basis.kind == "ramp" else column.units
-
-
 def _derived(
     fit: HypothesisFit, keys: Sequence[tuple[str, Theta, str]], values: FloatArray, covariance: FloatArray
-) -> tuple[tuple[str, Derived], ...]:
+) -> list[tuple[str, Derived]]:
     """What mechanisms whose terms are one vector derive from its net components."""
     found = []
     for mechanism in fit.mechanisms:
@@ -150,7 +144,7 @@ def _derived(
                 continue
             net = {keys[i][2]: float(values[i]) for i in place}
             found += [(mechanism.name, d) for d in mechanism.derived(net, covariance[np.ix_(place, place)])]
-    return tuple(found)
+    return found
 
 
 @dataclass(frozen=True)

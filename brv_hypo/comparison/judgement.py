@@ -65,7 +65,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
-
+_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 Say = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
@@ -129,7 +129,11 @@ def judged(
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
         """The hypotheses in a time that flights share, and the likeliest."""
         shared, settings = shared_problem(reconstructions, config, common)
-        fits = _searched(shared, hypotheses, say)
+        fits: list[HypothesisFit] = []
+        for name, mechanisms in hypotheses.items():
+            say(f"fitting {hypothesis(name)}")
+            rival = min((fit.information for fit in fits), default=math.inf)
+            fits.append(fit_hypothesis(shared, name, mechanisms, rival))
         return shared, settings, fits, self_consistent(shared, likeliest(fits))
 
     shared, settings, fits, point = searched(None)
@@ -177,9 +181,7 @@ def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
 
 
 def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-    """Every hypothesis with its evidence and its errors beside processes; `whole` is the problem with processes, and
-    both are linear `about` a fit.
-    """
+    """Every hypothesis with its evidence beside processes, which `whole` has; both are linear `about` a fit."""
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
     first = [with_its_evidence(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
@@ -187,7 +189,10 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = moved(problem, pairs[place], closely=True)
-    pairs = [_without_idle_part(each, pairs) for each in pairs]
+    for k, (fit, _) in enumerate(pairs):  # of which a part does not act, as the one without that part
+        same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
+        like, own = min(same, key=lambda pair: len(pair[0].mechanisms))
+        pairs[k] = replace(like, name=fit.name, mechanisms=fit.mechanisms), own
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
     shares = [_share(pair) for pair in pairs]
     weight = independent * shares[place]
@@ -234,29 +239,11 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
 
     Those that stay out of reach keep theirs.
     """
-    there = [
-        renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), Steps(0, 0.0))
-        for fit in fits
-    ]
+    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
+    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
     first = likeliest(there)
     worst = first.information + SEARCH_OUT_OF_REACH
     return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
-
-
-def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[HypothesisFit]:
-    """Every hypothesis searched on the grid of knots and delays, and refined."""
-    fits: list[HypothesisFit] = []
-    for name, mechanisms in hypotheses.items():
-        say(f"fitting {hypothesis(name)}")
-        rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
-    return fits
-
-
-def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
-    """A joined hypothesis of which a part does not act has the fit of the one without that part."""
-    like, own = min((e for e in pairs if acting_in(e[0]) == acting_in(pair[0])), key=lambda e: len(e[0].mechanisms))
-    return replace(like, name=pair[0].name, mechanisms=pair[0].mechanisms), own
 
 
 def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
@@ -293,8 +280,8 @@ def explained(judged: Judged) -> Explained:
     Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
+    noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
     if not np.any(of_terms := leader.terms.acting):
-        noise = _noise_share(judged)
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
     made = judged.rows.beside_baseline(leader.terms.x[:, of_terms])
 
@@ -306,15 +293,9 @@ def explained(judged: Judged) -> Explained:
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
     error = jackknife_error(without)
     low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
-    noise = min(_noise_share(judged), 1.0 - share)
+    noise = min(noise, 1.0 - share)
     rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
     return Explained(share=share, interval_95=(low, high), **rest)
-
-
-def _noise_share(judged: Judged) -> float:
-    """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
-    own = judged.evidences[judged.leader]
-    return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
@@ -371,7 +352,9 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
     found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
-    if (stretch := _stretch(leader, frame)) is not None:
+    starts = sorted({c.time_basis.start for c in leader.selected if c.time_basis.kind != "constant"})
+    if starts:  # from where to where the leader acts, s
+        stretch = (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max()))
         edges, turning = np.array(stretch), turning_moment(problem, listed, OUTSIDE, *stretch)
         (shapes,) = regions([null], frame, turning, edges, most=1) if turning is not None else ([],)
         if turning is not None and shapes:
@@ -394,13 +377,6 @@ def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
     return bool(specific) and own.level - own.level_without(specific) > SPECIFIC
 
 
-def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:
-    """From where to where the leader acts, s; None where it changes at no time."""
-    bases = [column.time_basis for column in leader.selected if column.time_basis.kind != "constant"]
-    starts = sorted({basis.start for basis in bases})
-    return (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max())) if starts else None
-
-
 def _described(fit: HypothesisFit) -> str:
     rates = {
         f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE
@@ -408,9 +384,6 @@ def _described(fit: HypothesisFit) -> str:
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     return f"a moment that no mechanism on the list has ({shapes}{acts_since(fit, starts)})"
-
-
-_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 
 def acts_since(fit: HypothesisFit, starts: Sequence[float]) -> str:

@@ -14,7 +14,6 @@ from scipy.stats import chi2
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
@@ -30,12 +29,10 @@ LIMIT_LARGEST = 10.0  # rms moments above which nothing is known of a mechanism'
 LIMIT_PART = 0.25  # of the record, for which a mechanism acts whose coefficients are limited too
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 SECOND_EDGES = 21  # the same of a mechanism that may act beside the leader
-# Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
-SPENT = 1e-8
+SPENT = 1e-8  # of a column's squared length: below it what processes and the leader do not explain of it is rounding
 _AT_ONCE = 200  # parts of regions that are made together; of more the pairs between thetas cost more than they save
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
-# Condition number of a region's information, of unit columns, above which its terms cannot be distinguished.
-_WORST_CONDITION = 1e10
+_WORST_CONDITION = 1e10  # of a region's information, of unit columns, above which its terms cannot be distinguished
 _SURELY = 3.0  # standard errors beyond a bound of 0, from which a region's sign is not possible
 
 
@@ -74,21 +71,16 @@ def limits(
     The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
     `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
-    rows = evidence.rows
-    frame = rows.frame_of(leader)
-    moment = rows.measured_moment
+    rows, frame, covariance = evidence.rows, evidence.rows.frame_of(leader), evidence.covariance / weight
+    moment, whole_record = rows.measured_moment, np.ptp(frame.coefficient_time)
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
-    whole_record = np.ptp(frame.coefficient_time)
-    known: dict[str, float] = {}
-    of_leader = _fitted(leader, frame, evidence.covariance / weight, scale, own) if own else (0.0, 0.0, 0.0)
+    of_leader = _fitted(leader, frame, covariance, scale, own) if own else (0.0, 0.0, 0.0)
     fitted = {"share_of_moment": of_leader[0] / moment, "share_std_error": of_leader[1] / moment}
-    in_part: dict[str, float] = {}
-    sizes: dict[str, dict[str, float]] = {}
+    known, in_part, sizes = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            of_it = of_leader
-            if len(own) > 1:
-                of_it = _fitted(leader, frame, evidence.covariance / weight, scale, {mechanism.name})
+            one = {mechanism.name}
+            of_it = of_leader if own == one else _fitted(leader, frame, covariance, scale, one)
             known[mechanism.name] = of_it[2] / moment
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
@@ -188,17 +180,12 @@ def scale_variance(problem: Problem) -> float:
     for item in problem.rows.nuisances.items:
         if item.name in effects and np.isfinite(item.present):
             acting = flights if item.flight is None else [flights[item.flight]]
-            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
-            changes = [
-                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
-            ]
-            found += (sum(changes) / len(flights)) ** 2
+            moved = [effects[item.name].perturb(flight, item.component, item.size) for flight in acting]
+            there, own = (
+                [float(np.mean(each.vehicle.iyy / each.dynamic_pressure)) for each in some] for some in (moved, acting)
+            )
+            found += (sum(a / b - 1.0 for a, b in zip(there, own, strict=True)) / len(flights)) ** 2
     return found
-
-
-def _moment_per_rate(flight: Flight) -> float:
-    """Mean of inertia over dynamic pressure."""
-    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
 def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:
@@ -262,9 +249,7 @@ def regions(
 
 @lru_cache(maxsize=8)
 def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
-    """First and last edge and width (regions, 3) of every region of so many parts, how much of each it holds
-    (regions, count).
-    """
+    """First and last edge and width (regions, 3) of regions, and how much of each part they hold (regions, count)."""
     ends = np.array(
         [
             (first, last, width)
@@ -352,13 +337,11 @@ def _shapes(
         if moments is not None:
             made = moments[:, mine]
             gram = list(over_regions(np.real(np.conj(made).T @ made) / made.shape[0], kept))
-        regions = edges[ends[kept, :2].astype(int)].tolist()
-        onsets = (part * ends[kept, 2]).tolist()
+        regions, onsets = edges[ends[kept, :2].astype(int)].tolist(), (part * ends[kept, 2]).tolist()
+        columns = zip(peak, estimate, kept, gram, regions, onsets, strict=True)
         return [
             Shape(float(gain), own, information[j], squared, thetas[number], (start, stop), onset)
-            for gain, own, j, squared, (start, stop), onset in zip(
-                peak, estimate, kept, gram, regions, onsets, strict=True
-            )
+            for gain, own, j, squared, (start, stop), onset in columns
         ]
 
     found = [evidence.projected(products) for evidence in evidences]

@@ -23,7 +23,7 @@ from brv_hypo.linearisation.response import PropagatedMotion, cycles, linearisat
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
-from brv_hypo.model.common_time import CommonTime, OwnTime, common_time
+from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import default_knots
 from brv_hypo.motion import ReconstructionConfig
@@ -34,8 +34,7 @@ from brv_hypo.thresholds import EVENTS_APART
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
-# motion is reconstructed with it: correlations of neighbouring samples above 0.2.
+# Of noise at the motion's frequency over that of neighbouring samples (correlations above 0.2), used from there on.
 COLOURED = 1.5
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
@@ -78,8 +77,8 @@ def shared_problem(
         common or shared_time(reconstructions),
     )
     problem = _problem(reconstructions, settings, config)
-    bend = _bend_of(problem)
-    settings = replace(settings, static=_static_of(problem), bend=bend)
+    static, bend = _static_and_bend(problem)
+    settings = replace(settings, static=static, bend=bend)
     problem = carrying(problem.under(estimated_noise(problem)), bend)
     return problem, _with_motion_noise(problem, settings)
 
@@ -99,13 +98,22 @@ def aligned(
     """
 
     def alone(flight: int) -> list[_Event]:
-        """The events of a flight by itself; none where it is too short to be compared so."""
+        """The jumps of the fit of a flight by itself; none where it is too short to be compared so."""
         try:
             problem, _ = shared_problem([reconstructions[flight]], config)
         except UnanswerableError:
             return []
         own = self_consistent(problem, fit_hypothesis(problem, fit.name, fit.mechanisms))
-        return _events(own, common.flights[flight])
+        changes = dict[float, dict[str, float]]()
+        for column, value in zip(own.selected, own.values[own.baseline_size :], strict=True):
+            if column.time_basis.kind == "jump":
+                changes.setdefault(column.time_basis.start, {})[column.term] = float(value)
+        sizes = [math.hypot(*each.values()) for each in changes.values()]
+        # The largest is known to within a sample, others the worse the smaller they are.
+        largest = shift_sigma(own.frame.reconstructions[0].flight.step) * max(sizes, default=0.0)
+        times = [float(common.flights[flight].common_at(np.array(time))) for time in changes]
+        found = zip(times, sizes, changes.values(), strict=True)
+        return [_Event(time, largest / max(size, 1e-300), each) for time, size, each in found]
 
     events = [alone(flight) for flight in range(len(reconstructions))]
     start, stop = common.span
@@ -143,20 +151,6 @@ class _Event:
         return float(np.linalg.norm(mine - theirs)) < 0.5 * float(np.linalg.norm(mine) + np.linalg.norm(theirs))
 
 
-def _events(fit: HypothesisFit, own: OwnTime) -> list[_Event]:
-    """The jumps of a flight's fit: the largest is known to within a sample, others the worse the smaller they are."""
-    changes: dict[float, dict[str, float]] = {}
-    for column, value in zip(fit.selected, fit.values[fit.baseline_size :], strict=True):
-        if column.time_basis.kind == "jump":
-            changes.setdefault(column.time_basis.start, {})[column.term] = float(value)
-    sizes = [math.hypot(*each.values()) for each in changes.values()]
-    step, pairs = fit.frame.reconstructions[0].flight.step, zip(changes.items(), sizes, strict=True)
-    return [
-        _Event(float(own.common_at(np.array(time))), shift_sigma(step) * max(sizes) / max(size, 1e-300), each)
-        for (time, each), size in pairs
-    ]
-
-
 # ---- The problem ----
 
 
@@ -191,20 +185,16 @@ def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
     return replace(settings, reconstruction=tuple(out), known=known)
 
 
-def _static_of(problem: Problem) -> StaticMoment:
+def _static_and_bend(problem: Problem) -> tuple[StaticMoment, StaticBend]:
+    """The static moment, and the bend that a body with its slope may have, which drifts as the slope does."""
     static = problem.frame.mechanisms[StaticMoment.name]
     assert isinstance(static, StaticMoment)
-    return static
-
-
-def _bend_of(problem: Problem) -> StaticBend:
-    """The bend that a body with this slope may have; it drifts with the speed where the slope does."""
     values, _ = problem.solution(problem.frame, problem.baseline)
     by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
-    static = _static_of(problem)
     slopes = [static.mean_slope(motion, by_term) for motion in problem.frame.motions]
     drift: tuple[Quantity, float, float] = (static.by, static.start, static.stop)
-    return StaticBend(slope=float(np.mean(slopes)), drift=drift if static.speeds is None else ("speed", *static.speeds))
+    drift = drift if static.speeds is None else ("speed", *static.speeds)
+    return static, StaticBend(slope=float(np.mean(slopes)), drift=drift)
 
 
 def linearised_about(
@@ -212,8 +202,9 @@ def linearised_about(
 ) -> tuple[Problem, Problem]:
     """The problem linearised about a point of it, errors that were found there taken out of the records.
 
-    With the processes of record and air, under white noise; and without, under the noise beside the fit's model. Where
-    a record has no motion left without its errors, the records are linearised as they read.
+    With the processes of record and air, under white noise; and without, under the noise beside the fit's model, of
+    several flights beside the baseline. Where a record has no motion left without its errors, the records are
+    linearised as they read.
     """
     try:
         records = _without_errors(settings, point)
@@ -225,8 +216,11 @@ def linearised_about(
     processes = record_processes()
     whole = _problem(records, settings, config, point, motions, processes)
     nuisances = whole.rows.nuisances.without(frozenset(each.name for each in processes))
-    without_processes = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
-    return whole, _under_own_noise(without_processes, point)
+    bare = about = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
+    if len(records) == 1:
+        frame = bare.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
+        about = replace(bare, frame=frame, baseline=point.columns)
+    return whole, bare.under(estimated_noise(about))
 
 
 def _without_errors(settings: Settings, point: LinearisationPoint) -> list[Reconstruction]:
@@ -235,14 +229,6 @@ def _without_errors(settings: Settings, point: LinearisationPoint) -> list[Recon
     for flight in flights:
         require_answerable(flight)
     return [replace(known, flight=flight) for known, flight in zip(settings.known, flights, strict=True)]
-
-
-def _under_own_noise(problem: Problem, point: LinearisationPoint) -> Problem:
-    """The problem under the noise beside a model; of several flights beside the baseline."""
-    if len(problem.records) > 1:
-        return problem.under(estimated_noise(problem))
-    frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
-    return problem.under(estimated_noise(replace(problem, frame=frame, baseline=point.columns)))
 
 
 def _problem(
@@ -332,26 +318,16 @@ def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | No
 
 def _static(reconstructions: Sequence[Reconstruction], common: CommonTime | None) -> StaticMoment:
     """The static moment with its drift: in time, or, where flights share their Mach numbers, with those."""
-    times = [rec.flight.time for rec in reconstructions]
-    span = (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if common is None else common.mach_span
+    curves = [(rec.flight.time, rec.motion.velocity) for rec in reconstructions]
+    span = (min(float(time[0]) for time, _ in curves), max(float(time[-1]) for time, _ in curves))
+    if common is not None:  # one curve together: at one Mach number the air is warmer on one flight than on another
+        mach = np.concatenate([own.mach for own in common.flights])
+        span, curves = common.mach_span, [(mach, np.concatenate([speed for _, speed in curves]))]
     return StaticMoment(
         start=span[0],
         stop=span[1],
         offset_degree=OFFSET_DEGREE,
         slope_degree=SLOPE_DEGREE,
         by="time" if common is None else "mach",
-        speeds=wavering_speeds(_alongs(reconstructions, common), SLOPE_DEGREE),
+        speeds=wavering_speeds(curves, SLOPE_DEGREE),
     )
-
-
-def _alongs(
-    reconstructions: Sequence[Reconstruction], common: CommonTime | None
-) -> list[tuple[FloatArray, FloatArray]]:
-    """What the drift of C_malpha is of, and the speed (m/s), of each curve that it has to follow.
-
-    Flights have one curve together where they share it: at one Mach number the air is warmer on one than on another.
-    """
-    if common is None:
-        return [(rec.flight.time, rec.motion.velocity) for rec in reconstructions]
-    mach = np.concatenate([own.mach for own in common.flights])
-    return [(mach, np.concatenate([rec.motion.velocity for rec in reconstructions]))]

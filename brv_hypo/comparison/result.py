@@ -295,9 +295,9 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
-    far = (each for each in errors[:1] if abs(each.tolerances) > FAR_TOLERANCES)
-    said = (f"{each.name} is {each.stated}, {abs(each.tolerances):.1f} times its tolerance" for each in far)
-    return next(said, "")
+    if not errors or abs(errors[0].tolerances) <= FAR_TOLERANCES:
+        return ""
+    return f"{errors[0].name} is {errors[0].stated}, {abs(errors[0].tolerances):.1f} times its tolerance"
 
 
 class SizedModel(NullIsNaN):
@@ -454,19 +454,18 @@ class Comparison(HasCharts, Result):
 
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
-        lines, found = [" ".join(filter(None, (self.verdict.reason, self._when())))], self.verdict.explained
+        lines = [" ".join(filter(None, (self.verdict.reason, self._when())))]
+        found, fits = self.verdict.explained, self.verdict.adequacy
         if found is not None:
             share, low, high = map(percent, (found.share, *found.interval_95))
             leader = f"{self.ranking[0].mechanism} {share} % ({low} to {high} %), " if found.share else ""
-            fits = self.verdict.adequacy
             noise = "noise" if fits is None or fits.ratio < 1.0 + NOISE_LEVEL[1] else "noise and lack of fit"
             rest = f"processes {percent(found.processes)} %, {noise} {percent(found.noise)} %"
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
-        if (fits := self.verdict.adequacy) is not None:
+        if fits is not None:
             within = f"The leader's residual is {fits.ratio:.2f} times what noise and tolerances explain"
-            stable, answer = self.verdict.stability, "answer"
-            if self.verdict.outcome == "undecided":
-                stable, answer = self.verdict.same_leader, "leader"
+            of_answer, of_leader = (self.verdict.stability, "answer"), (self.verdict.same_leader, "leader")
+            stable, answer = of_leader if self.verdict.outcome == "undecided" else of_answer
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same {answer}"
             lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
@@ -510,12 +509,11 @@ class Comparison(HasCharts, Result):
 
     def _how_large(self, leader: str) -> str:
         """The rms moment of the leader over that of the record, in a sentence; empty where it is not known."""
-        known = (
-            each for each in self.verdict.limits if each.mechanism == leader and not np.isnan(each.share_of_moment)
-        )
-        shares = (100.0 * np.array([each.share_of_moment, each.share_std_error]) for each in known)
-        said = (f" Its rms moment is {estimated(own, error)} % of the record's." for own, error in shares)
-        return next(said, "")
+        for each in self.verdict.limits:
+            if each.mechanism == leader and not np.isnan(each.share_of_moment):
+                share = estimated(100.0 * each.share_of_moment, 100.0 * each.share_std_error)
+                return f" Its rms moment is {share} % of the record's."
+        return ""
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -37,12 +36,11 @@ from brv_hypo.subset.criteria import Criteria
 from brv_hypo.thresholds import SPECIFIC
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name)
-_NOTHING: Mapping[str, str] = MappingProxyType({})
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
 def criteria_disagree(
-    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = _NOTHING
+    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = {}
 ) -> tuple[str, ...]:
     """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
 
@@ -51,26 +49,21 @@ def criteria_disagree(
     """
     if len(ranking) < 2:
         return ()
-    tested = [row for row in ranking if row.f_ratio is not None]
-    named = [row for row in ranking if probability.get(row.mechanism, 0.0) > 0.0]
-    first = {"C_p": min(ranking, key=lambda row: row.cp).mechanism}
+    first, named = dict[str, str](), [row for row in ranking if probability.get(row.mechanism, 0.0) > 0.0]
+    if tested := [row for row in ranking if row.f_ratio is not None]:
+        first["F-ratio"] = max(tested, key=lambda row: row.f_ratio or 0.0).mechanism
+    first["C_p"] = min(ranking, key=lambda row: row.cp).mechanism
     first["prediction error"] = min(ranking, key=lambda row: row.prediction_error).mechanism
-    if tested:
-        first = {"F-ratio": max(tested, key=lambda row: row.f_ratio or 0.0).mechanism, **first}
     if named:
         first["probability"] = max(named, key=lambda row: probability[row.mechanism]).mechanism
     if len(set(first.values())) == 1:
         return ()
-    leaders = "; ".join(
-        f"{_joined([name for name, leader in first.items() if leader == each])}: {hypothesis(each)}"
-        + (f" (with {impossible[each]})" if each in impossible else "")
-        for each in dict.fromkeys(first.values())
-    )
-    return (f"the criteria put different hypotheses first: {leaders}",)
-
-
-def _joined(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    leaders = []
+    for each in dict.fromkeys(first.values()):
+        names = [name for name, leader in first.items() if leader == each]
+        joined = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+        leaders.append(f"{joined}: {hypothesis(each)}" + (f" (with {impossible[each]})" if each in impossible else ""))
+    return (f"the criteria put different hypotheses first: {'; '.join(leaders)}",)
 
 
 # ---- Turns fits into the result of the contract ----
@@ -93,12 +86,7 @@ def summarise(
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     order = sorted(range(len(fits)), key=lambda i: (fits[i].information, len(fits[i].mechanisms)))
     ranking = tuple(
-        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
-            update={
-                "ml": _likelihood(fits[i], likelihoods.get(fits[i].name)),
-                "notes": (_LEFT_OUT,) if likelihoods.get(fits[i].name, True) is None else (),
-            }
-        )
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem, likelihoods)
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = problem.frame.reconstructions
@@ -176,7 +164,13 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: float, criteria: Criteria, null_error: float, problem: Problem
+    rank: int,
+    fit: HypothesisFit,
+    error: float,
+    criteria: Criteria,
+    null_error: float,
+    problem: Problem,
+    likelihoods: Mapping[str, Identification | None],
 ) -> RankedHypothesis:
     total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
@@ -199,6 +193,8 @@ def _ranked(
         knots=_knots(fit),
         criteria=asdict(criteria),
         status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
+        notes=(_LEFT_OUT,) if likelihoods.get(fit.name, True) is None else (),
+        ml=_likelihood(fit, likelihoods.get(fit.name)),
     )
 
 
@@ -249,46 +245,35 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
     )
 
 
-def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:
+def _likelihood(fit: HypothesisFit, found: Identification | None) -> MaximumLikelihood | None:
     """The contract's block; None where the hypothesis was out of reach."""
-    if identification is None:
+    if found is None:
         return None
     refined = replace(
-        fit,
-        columns=identification.columns,
-        values=identification.values,
-        nonlinear=(),
-        joint_covariance=identification.covariance,
-        left_out=None,
+        fit, columns=found.columns, values=found.values, nonlinear=(), joint_covariance=found.covariance, left_out=None
     )
-    block = likelihood_block(identification, _terms(refined, slice(fit.baseline_size, None)))
-    return block.model_copy(update={"knots": _knots(refined)})
-
-
-def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> MaximumLikelihood:
-    """What the contract tells of a likelihood, with `terms` as they are told."""
     return MaximumLikelihood(
         status=found.status,
         message=found.message,
         iterations=found.iterations,
         log_likelihood=found.log_likelihood,
-        terms=terms,
+        terms=_terms(refined, slice(fit.baseline_size, None)),
         derived=tuple(
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
         ),
         instrument=tuple(
             estimate(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
         ),
+        knots=_knots(refined),
         seconds=found.seconds,
     )
 
 
 def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
-    found = []
-    end = float(fit.frame.coefficient_time.max())
-    for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        name = f"{parameter.mechanism} {parameter.name}"
-        found.append(DerivedEstimate(name=name, value=parameter.value, std_error=sigma, units=parameter.units))
+    found, end = [], float(fit.frame.coefficient_time.max())
+    for own, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
+        name = f"{own.mechanism} {own.name}"
+        found.append(DerivedEstimate(name=name, value=own.value, std_error=sigma, units=own.units))
     vectors: dict[Choice, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.grouped:

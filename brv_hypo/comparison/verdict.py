@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,6 +16,7 @@ from brv_hypo.comparison.result import (
     Adequacy,
     Explained,
     Interval,
+    Outcome,
     ProcessEstimate,
     RecordError,
     Verdict,
@@ -26,8 +27,7 @@ from brv_hypo.io.text import error_share, hypothesis, number, times
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-# Of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone.
-FAR_BETTER = 0.25
+FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict several flights far better; wording alone
 # Nats as they count, from which a second mechanism is said to act: of two that act 200 to 9,000, of one up to 132
 # (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
@@ -93,26 +93,15 @@ def probabilities(
     return {name: weight / sum(weights.values()) for name, weight in weights.items()}
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """What the rules make of evidences: who leads, how probable all are, whether it is adequate and predicts better."""
 
     leader: Candidate
     chances: Mapping[str, float]
     adequate: bool
     predicts: bool
-
-    @property
-    def outcome(self) -> Literal["named", "undecided", "none adequate"]:
-        """That nothing listed is adequate has to be as probable as a name."""
-        if not self.adequate:
-            return "none adequate"
-        return "named" if self.chances[self.leader.name] >= WINNING_PROBABILITY and self.predicts else "undecided"
-
-    @property
-    def winner(self) -> str | None:
-        """What is named."""
-        return self.leader.name if self.outcome == "named" else None
+    outcome: Outcome
+    winner: str | None
 
 
 def judge(
@@ -182,7 +171,9 @@ def decide(
     explains = fit.explains > 0.0 and fit.significant
     predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
-    return Decision(leader, chances, adequate, predicts)
+    certain = chances[leader.name] >= WINNING_PROBABILITY
+    outcome: Outcome = "none adequate" if not adequate else "named" if certain and predicts else "undecided"
+    return Decision(leader, chances, adequate, predicts, outcome, leader.name if outcome == "named" else None)
 
 
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
@@ -199,24 +190,19 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-_NONE_ADEQUATE = "None of the hypotheses is adequate"
-
-
 def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
-    name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
+    name, fits = hypothesis(leader.name), "fits best"
     if leader.impossible is not None:
-        return f"{_NONE_ADEQUATE}: {name} fits best, but with {leader.impossible}. {remedy}"
-    if not fit.adequate:
-        return (
-            f"{_NONE_ADEQUATE}: {name} fits best, but beside all processes its residual is "
-            f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the tolerances that are "
-            f"stated (--instruments). {remedy}"
+        but = f"with {leader.impossible}"
+    elif not fit.adequate:
+        but = (
+            f"beside all processes its residual is {fit.noise:.2f} times the record's noise, more than {name} "
+            "explains. Check the tolerances that are stated (--instruments)"
         )
-    best = max(outside, key=lambda candidate: candidate.level)
-    return (
-        f"{_NONE_ADEQUATE}: {name} fits best of them, but {best.words} fits better (probability of "
-        f"something else {_share(chances[OTHER])}). {remedy}"
-    )
+    else:
+        best, fits = max(outside, key=lambda candidate: candidate.level), "fits best of them"
+        but = f"{best.words} fits better (probability of something else {_share(chances[OTHER])})"
+    return f"None of the hypotheses is adequate: {name} {fits}, but {but}. `brv-hypo trace` looks for what it is."
 
 
 def _named(verdict: Verdict, leader: Candidate) -> str:
@@ -235,9 +221,7 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
 
 
 def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
-    """The verdict, where a mechanism that it names does not predict, by a held-out `ratio` of errors above 1, without
-    that name: a name has to predict.
-    """
+    """The verdict without the name of a mechanism that does not predict: a held-out `ratio` of errors above 1."""
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     chance = _share(verdict.probability[verdict.winner])
@@ -256,9 +240,7 @@ def _described(verdict: Verdict, described: str, reason: str) -> Verdict:
 
 
 def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
-    """The verdict, where an error of record or vehicle, the first, is far beyond its tolerance beside a mechanism that
-    it names, without that name.
-    """
+    """The verdict without the name of a mechanism beside which the first error is far beyond its tolerance."""
     best = verdict.winner or verdict.described
     if best in (None, NONE) or not (far := far_beyond(errors)):
         return verdict
@@ -288,9 +270,8 @@ def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Ve
     """The verdict, with another mechanism that seems to act beside its leader, and `where` in words."""
     if second.gain < SECOND_ACTS:
         return verdict
-    said = (
-        f" {second.mechanism} seems to act beside {leader}, about {where}: compare {leader}+{second.mechanism} as well."
-    )
+    both = f"{leader}+{second.mechanism}"
+    said = f" {second.mechanism} seems to act beside {leader}, about {where}: compare {both} as well."
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 

@@ -78,10 +78,15 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     (fit, _), pairs = offered[0], list(offered)
     if len(fit.mechanisms) == 1:
         time = fit.frame.coefficient_time
-        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
+        starts = [-np.inf, *(column.time_basis.start for column in fit.selected), np.inf]
+        edges = np.unique(np.clip(starts, time.min(), time.max()))
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], edges, starts=[each for _, each in offered])
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
-    return _closed_or_not(problem, moved(problem, _without_unwanted(problem, likelier(pairs))))
+    fit, own = pair = moved(problem, _without_unwanted(problem, likelier(pairs)))
+    if not _may_end(fit):
+        return pair
+    # Nothing remains of a mechanism after its last change, unless the evidence clearly wants that.
+    return likelier([pair, moved(problem, fitted(problem, replace(fit, ends=not fit.ends), fit.selected, own))])
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -125,9 +130,7 @@ def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
 
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
-    """With onsets that take time, and further times between which the one mechanism acts, where the evidence clearly
-    wants them; what is but the shape of an onset is none of these.
-    """
+    """With onsets that take time, and further times of acting, not the shape of an onset, where clearly wanted."""
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
@@ -187,9 +190,8 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
     middles = jump.start + halves * np.tile(shifts, len(WIDTHS))
     inside = (middles - halves > time.min()) & (middles + halves < time.max())
     halves, middles = halves[inside], middles[inside]
-    ramps = [
-        TimeBasis("ramp", at - half, at + half) for at, half in zip(middles.tolist(), halves.tolist(), strict=True)
-    ]
+    pairs = zip(middles.tolist(), halves.tolist(), strict=True)
+    ramps = [TimeBasis("ramp", at - half, at + half) for at, half in pairs]
     if not ramps:
         return jump, 0.0
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
@@ -268,12 +270,8 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
             fit, own = here
             beside = (own, own.beside_small) if own.has_large_processes else (own,)
             _, likely = _likely_regions(own.rows.frame_of(like), [other], beside)
-            tried = [
-                moved(
-                    problem, fitted(problem, like, (*fit.selected, *_acting_between(other, shape, like.frame)), *beside)
-                )
-                for (_, shape), *_ in filter(None, likely)
-            ]
+            acts = (_acting_between(other, best[0][1], like.frame) for best in likely if best)
+            tried = [moved(problem, fitted(problem, like, (*fit.selected, *more), *beside)) for more in acts]
             here = likelier(tried) if tried else None
         found += [here] if here is not None else []
     return found
@@ -358,14 +356,6 @@ def _may_end(fit: HypothesisFit) -> bool:
     changes = [(c.term, c.flight) for c in fit.selected if math.isfinite(c.time_basis.final)]
     often = len(changes) == len(fit.selected) and all(changes.count(each) > 1 for each in changes)
     return often and len(fit.mechanisms) == len({column.theta for column in fit.selected}) == 1
-
-
-def _closed_or_not(problem: Problem, pair: Pair) -> Pair:
-    """With a mechanism of which nothing remains after its last change, unless the evidence clearly wants that."""
-    fit, own = pair
-    if not _may_end(fit):
-        return pair
-    return likelier([pair, moved(problem, fitted(problem, replace(fit, ends=not fit.ends), fit.selected, own))])
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
@@ -473,9 +463,7 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
-    """Without changes that lower the evidence, of a mechanism that ends without such regions, the least wanted first;
-    two knots within a sample are one.
-    """
+    """Without changes, or regions of what ends, that are not wanted, worst first; knots within a sample are one."""
     step = max(record.flight.step for record in problem.records)
     while True:
         fit, own = pair
@@ -495,7 +483,9 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         parts = [list(chain(*region)) for region in fit.regions] if fit.ends else of_bases
         if len(parts) < 2:
             return pair
-        levels = [_level_without(fit, own, part) for part in parts]
+        nonlinear = list(enumerate(fit.nonlinear, start=len(fit.selected)))
+        alone = ([k for k, each in nonlinear if set(each.columns) <= set(part)] for part in parts)  # move nothing else
+        levels = [own.level_without([*part, *moving]) for part, moving in zip(parts, alone, strict=True)]
         least = int(np.argmax(levels))
         fewer = _with_columns(problem, fit, [c for k, c in enumerate(fit.selected) if k not in parts[least]])
         needed = own.level - price(fit) + price(fewer)
@@ -505,9 +495,3 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         if found[1].informed < _INFORMED or level(found) < needed:
             return pair
         pair = found
-
-
-def _level_without(fit: HypothesisFit, own: Evidence, places: Sequence[int]) -> float:
-    """The log evidence without some selected columns, and without a knot or delay that moves nothing else."""
-    alone = [len(fit.selected) + k for k, each in enumerate(fit.nonlinear) if set(each.columns) <= set(places)]
-    return own.level_without([*places, *alone])

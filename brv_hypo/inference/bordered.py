@@ -21,10 +21,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.linearisation.linear import lengths, orthonormal
 
-# Rows that are made at once.
-_BLOCK = 20_000
-# Length of a unit column below which what the flights' own columns leave of it is rounding.
-_SPENT = 1e-10
+_BLOCK = 20_000  # rows that are made at once
+_SPENT = 1e-10  # length of a unit column below which what the flights' own columns leave of it is rounding
 
 
 class Stretch(NamedTuple):

@@ -17,7 +17,7 @@ from brv_hypo.linearisation.nuisance import Errors, nuisances, with_shared
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -29,9 +29,8 @@ ERRORS_REACH = 1e-3  # probability of errors under their tolerances, down to whi
 
 def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
     """The columns of the static moment and of pitch damping that the frame knows."""
-    always = TimeBasis("constant")
     return tuple(
-        Regressor(name, term.name, (), always, term.units)
+        Regressor(name, term.name, units=term.units)
         for name in (StaticMoment.name, PitchDamping.name)
         for term in frame.mechanisms[name].terms(frame.motions[0], {})
     )
@@ -39,9 +38,7 @@ def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """A moment model with its `values` (columns,) to linearise about, and every flight's `errors` (SI) beside it, which
-    were taken out of the records.
-    """
+    """A moment model with `values` (columns,), and every flight's `errors` (SI), taken out of the records before."""
 
     mechanisms: tuple[Mechanism, ...]
     columns: tuple[Regressor, ...]
@@ -97,8 +94,7 @@ def point_of(
 ) -> LinearisationPoint:
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
-    errors = within_reach(problem, others)
-    return LinearisationPoint(mechanisms, columns, values, errors)
+    return LinearisationPoint(mechanisms, columns, values, within_reach(problem, others))
 
 
 def within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
@@ -118,9 +114,8 @@ def with_vehicle(
     frame: RateFrame, baseline: tuple[Regressor, ...], values: FloatArray, vehicle: Sequence[Mechanism], known: Errors
 ) -> tuple[RateFrame, tuple[Regressor, ...], FloatArray]:
     """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known."""
-    always = TimeBasis("constant")
     own = {
-        Regressor(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]
+        Regressor(mechanism.name, term.name, units=term.units): known[mechanism.name, term.name]
         for mechanism in vehicle
         for term in mechanism.terms(frame.motions[0], {})
         if (mechanism.name, term.name) in known
@@ -153,26 +148,17 @@ def linearised(
     values: FloatArray,
 ) -> LinearisedFlight:
     """A flight with its moment model and the normal force that fits it, spikes left out."""
-    motion = reconstruction.motion
-    force = ForceModel(normal_force_slope(reconstruction), reconstruction.normal_force_bend)
+    motion, slope = reconstruction.motion, reconstruction.normal_force_slope  # NaN where the method has none
+    force = ForceModel(np.where(np.isfinite(slope), slope, 1.0), reconstruction.normal_force_bend)
     found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
     valid = record.measured
     for _ in range(FORCE_SPIKE_ROUNDS):
-        force_values = _force_fit(found[valid], record.transverse_force[valid])
+        parts = found[valid], record.transverse_force[valid]
+        columns_there, force_there = (np.concatenate([part.real, part.imag]) for part in parts)
+        force_values = np.linalg.lstsq(columns_there, force_there, rcond=None)[0]
         size = np.abs(record.transverse_force - found @ force_values)
         valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
     return LinearisedFlight(record, reconstruction, frame.mechanisms, columns, values, force, force_values, valid)
-
-
-def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
-    """The reconstruction's normal-force slope (n,), 1/rad; 1 where it has none."""
-    slope = reconstruction.normal_force_slope
-    return np.where(np.isfinite(slope), slope, 1.0)
-
-
-def _force_fit(columns: ComplexArray, force: ComplexArray) -> FloatArray:
-    stacked = np.concatenate([columns.real, columns.imag])
-    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0], dtype=float)
 
 
 def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:

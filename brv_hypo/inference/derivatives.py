@@ -14,13 +14,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field, computed_field
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
@@ -191,12 +191,8 @@ def _along(
     """The function about angles of attack (samples,) rad, at some places (places,)."""
     less, more, unit, at_rest = by(motion, alpha)
     unit = np.broadcast_to(unit, alpha.shape)[places]
-
-    def rise(slow: ComplexArray | float, fast: ComplexArray) -> FloatArray:
-        return np.asarray(np.real(fast - slow)[places] / unit, dtype=float)
-
-    always, items = TimeBasis("constant"), own.shared_tolerances
-    within = [Regressor(item.name, item.component, (), always, item.units) for item in items]
+    items = own.shared_tolerances
+    within = [Regressor(item.name, item.component, units=item.units) for item in items]
     values, allowed = np.zeros((places.size, own.values.size)), np.zeros((places.size, len(items)))
     values[:, : len(columns)] = per_coefficient(frame, columns, flight, motion, alpha, by)[places]
     if at_rest:
@@ -209,9 +205,8 @@ def _along(
         histories = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), process.splines)
         fast = process.shapes(more)
         slow = [0.0 * each for each in fast] if less is None else process.shapes(less)
-        splines[groups[process.name]] = np.concatenate(
-            [rise(a, b)[:, np.newaxis] * histories / scale for a, b in zip(slow, fast, strict=True)], axis=1
-        )
+        rises = [np.real(b - a)[places] / unit for a, b in zip(slow, fast, strict=True)]
+        splines[groups[process.name]] = np.hstack([rise[:, np.newaxis] * histories / scale for rise in rises])
     found, sigma, correlation = own.along(flight, values, splines, allowed)
     names = [*(group.name for group in own.rows.groups), *(column.label for column in columns)]
     return Along(found, sigma / np.sqrt(weight), dict(zip(names, correlation.T, strict=False)))
@@ -232,9 +227,7 @@ def process_history(
 
 
 def moment_of_process(own: Evidence, place: int, process: MomentProcess) -> tuple[float, float]:
-    """The rms over all flights of the moment coefficient that a process makes, and of its standard error, those of the
-    splines taken as independent.
-    """
+    """The rms over flights of a process's moment coefficient and of its standard error, splines independent."""
     squares, variances = list[FloatArray](), list[FloatArray]()
     for flight, motion in enumerate(own.rows.frame.motions):
         shares = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])
@@ -282,16 +275,12 @@ def with_processes(
     own: Evidence, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
 ) -> tuple[RateFrame, list[Regressor], FloatArray]:
     """A model of moments with the processes of moments beside it: frame, columns and their values."""
-    known, always = [_at_mode(own, k) for k in range(len(frame.motions))], TimeBasis("constant")
-    moments = [Regressor(each.name, ProcessesAtMode.name, (), always, "1", flight=k) for k, each in enumerate(known)]
+    known = []
+    for flight, motion in enumerate(own.rows.frame.motions):
+        span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
+        processes = tuple(each.model_copy(update=span) for each in moment_processes())
+        coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
+        each = ProcessesAtMode(processes=processes, coefficients=coefficients)
+        known.append(each.model_copy(update={"name": f"{ProcessesAtMode.name} {flight}"}))
+    moments = [Regressor(each.name, ProcessesAtMode.name, flight=k) for k, each in enumerate(known)]
     return frame.with_mechanisms(known), [*columns, *moments], np.append(values, np.ones(len(moments)))
-
-
-def _at_mode(own: Evidence, flight: int) -> ProcessesAtMode:
-    """The processes of moments on a flight."""
-    time = own.rows.frame.motions[flight].time
-    span = {"start": float(time[0]), "stop": float(time[-1])}
-    processes = tuple(each.model_copy(update=span) for each in moment_processes())
-    coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
-    found = ProcessesAtMode(processes=processes, coefficients=coefficients)
-    return found.model_copy(update={"name": f"{ProcessesAtMode.name} {flight}"})

@@ -18,7 +18,7 @@ is that of restricted likelihood (Searle, Casella and McCulloch, Variance Compon
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -34,10 +34,8 @@ from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL, RECORD_AMPLITUDE
 
-# Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
-_LARGEST, _WALL = float(np.log(3.0)), 0.1
-# Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
-_SLOPE = 0.03
+_LARGEST, _WALL = float(np.log(3.0)), 0.1  # logarithm of the largest amplitude, and 1-sigma of the prior beyond it
+_SLOPE = 0.03  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
 _ROUNDING = 1e-9  # of a covariance
 _LARGEST_STEP = 3.0  # of all logarithms together
 
@@ -49,14 +47,6 @@ class _Solution(NamedTuple):
     """Half of the log determinants."""
     misfit: float
     border: FloatArray
-    covariance: FloatArray
-
-
-class _Without(NamedTuple):
-    """Of the rows without a stretch of time: minus log p, `values` and their covariance."""
-
-    cost: float
-    values: FloatArray
     covariance: FloatArray
 
 
@@ -93,16 +83,16 @@ class _Integrated:
     @cached_property
     def processes(self) -> tuple[_OfProcesses, ...]:
         """a of each flight: large, and wanted of few."""
-        return tuple(self._of(each) for each in self._parts.values())
-
-    def _of(self, part: _Eliminated) -> _OfProcesses:
-        both = np.column_stack([part.made, part.own])
-        both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-        # In the place of the factor, of which nothing else is wanted.
-        inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
-        follows = both[:, :-1]
-        variances = np.diag(inverse) + np.sum((follows @ self.solution.covariance) * follows, axis=1)
-        return _OfProcesses(both[:, -1] - follows @ self.solution.border, inverse, follows, variances)
+        solution, found = self.solution, []
+        for part in self._parts.values():
+            both = np.column_stack([part.made, part.own])
+            both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+            # In the place of the factor, of which nothing else is wanted.
+            inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
+            follows = both[:, :-1]
+            variances = np.diag(inverse) + np.sum((follows @ solution.covariance) * follows, axis=1)
+            found.append(_OfProcesses(both[:, -1] - follows @ solution.border, inverse, follows, variances))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -156,10 +146,9 @@ class Evidence(_Integrated):
         """
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
-        columns = self.terms.x[:, :count]
-        made = columns @ (
-            values if self.terms.coefficients is None else np.linalg.solve(self.terms.coefficients, values)
-        )
+        if (closed := self.terms.coefficients) is not None:
+            values = np.linalg.solve(closed, values)
+        made = self.terms.x[:, :count] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
@@ -254,9 +243,7 @@ class Evidence(_Integrated):
         return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
 
     def level_without(self, chosen: Sequence[int]) -> float:
-        """Log evidence without some columns of X, at the same amplitudes (Savage and Dickey: Verdinelli and Wasserman
-        1995).
-        """
+        """Log evidence without some of X, at the same amplitudes (Savage, Dickey: Verdinelli and Wasserman 1995)."""
         places = self.rows.shared.shape[1] + np.array(chosen)
         covariance = self.solution.covariance[np.ix_(places, places)]
         at_mode, spread = self.solution.border[places], _spreads(self.rows, self.terms, self.at)[places]
@@ -338,33 +325,31 @@ class Evidence(_Integrated):
     @property
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
-        return np.array([each.cost for each in self._without_stretches]) - _value(
-            self.products, self.rows, self.solution, self.at
-        )
+        costs = [cost for cost, _, _ in self._without_stretches]
+        return np.array(costs) - _value(self.products, self.rows, self.solution, self.at)
 
     def left_out(self, weight: float) -> LeftOut:
         """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
-        changes = np.array([each.values for each in self._without_stretches]) - self.values
-        covariances = np.array([each.covariance for each in self._without_stretches])
+        changes = np.array([values for _, values, _ in self._without_stretches]) - self.values
+        covariances = np.array([covariance for _, _, covariance in self._without_stretches])
         # What no stretch determines, as a knot in a gap, scatters by rounding alone.
         return LeftOut(changes, (covariances - (1.0 - _ROUNDING) * self.covariance) / weight)
 
     @cached_property
-    def _without_stretches(self) -> tuple[_Without, ...]:
-        """What is known without each stretch of time.
+    def _without_stretches(self) -> list[tuple[float, FloatArray, FloatArray]]:
+        """Minus log p, `values` and their covariance without each stretch of time.
 
         What is left out of one flight changes nothing of the others' elimination.
         """
         known, made = _eliminated(self.products, self.rows, self.at), self._values_of_border
-
-        def without(stretch: Products) -> _Without:
+        without = []
+        for stretch in self.rows.stretch_products:
             rest = self.products.less(stretch.beside(self.rows, self.terms.x))
             parts = {**known, **_eliminated(rest, self.rows, self.at)}
             found = _solved(rest, parts, self.rows, self.terms, self.at)
             covariance = self.noise**2 * made @ found.covariance @ made.T
-            return _Without(_value(rest, self.rows, found, self.at), made @ found.border, covariance)
-
-        return tuple(without(stretch) for stretch in self.rows.stretch_products)
+            without.append((_value(rest, self.rows, found, self.at), made @ found.border, covariance))
+        return without
 
     @cached_property
     def _factors(self) -> dict[int, _Factor]:
@@ -372,15 +357,11 @@ class Evidence(_Integrated):
         return _factored(self.products, self.rows, self.at)
 
     def with_moments(self, rates: FloatArray) -> Products:
-        """The scalar products with moments by their rates (rate rows, k) after the terms: of all evidences of these
-        terms the same.
-        """
+        """Those with moments by their rates (rate rows, k) after the terms: of all evidences of these the same."""
         return self.products.beside_moments(self.rows, self.terms.x, rates)
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
-        """X'PX and X'Py of the columns X after the terms, where P is the inverse covariance with all else integrated
-        out.
-        """
+        """X'PX and X'Py of what is beside the terms, P the inverse covariance with all else integrated out."""
         inner, right = _reduced(products, _eliminated(products, self.rows, self.at, self._factors))
         spread = _spreads(self.rows, self.terms, self.at)
         first = spread.size
@@ -416,19 +397,14 @@ class _Surface:
     rows: Rows
     terms: Terms
     products: Products
+    _last: dict[bytes, _Integrated] = field(default_factory=dict)
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Centre and 1-sigma of each logarithm."""
-        has_terms = bool(np.any(self.terms.scaled))
-        groups = [group.prior for group in self.rows.groups]
-        priors = [NOISE_LEVEL, *groups, *([MECHANISM_AMPLITUDE] if has_terms else [])]
-        centre, width = np.array(priors, dtype=float).T
+        of_terms = [MECHANISM_AMPLITUDE] if np.any(self.terms.scaled) else []
+        centre, width = np.array([NOISE_LEVEL, *(group.prior for group in self.rows.groups), *of_terms], dtype=float).T
         return centre, width
-
-    @cached_property
-    def _last(self) -> dict[bytes, _Integrated]:
-        return {}
 
     def found(self, at: FloatArray) -> _Integrated:
         """What is integrated out there."""
@@ -467,9 +443,7 @@ def _beyond(at: FloatArray) -> FloatArray:
 
 
 def rows_under_own_noise(whole: Problem, point: HypothesisFit) -> tuple[Rows, FloatArray]:
-    """The rows about a fit, under the noise that each channel has beside it and all processes; the logarithms of noise
-    and amplitudes there.
-    """
+    """The rows about a fit, each channel under its noise beside all processes; logarithms of the amplitudes."""
     rows, noise, half = rows_of(whole, point), whole.rows.noise, whole.rows.rates
     own = maximised(rows, rows.terms(point))
     residual, start = own.residual, own.at[: 1 + len(rows.groups)]
@@ -512,9 +486,7 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
 
 
 def _factor(matrix: FloatArray, largest: float) -> FloatArray:
-    """Its lower factor; of one whose smallest eigenvalues are lost in rounding (a record without noise), with these at
-    what rounding leaves of the `largest` that it was made of.
-    """
+    """Its lower factor; eigenvalues lost in rounding, as without noise, are at what that leaves of the `largest`."""
     try:
         return np.asarray(cholesky(matrix, lower=True, check_finite=False))
     except LinAlgError:

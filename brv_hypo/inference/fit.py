@@ -27,15 +27,13 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.term import Regressor
 
 # Bound the time; held by `tests.studies.independent.study`.
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
-# A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
-SEARCH_OUT_OF_REACH = 400.0
-SEARCH_SIZES_TRIED = 3
-# Fall of 2 ln L by which one model has to beat another to take its place, more than steps and rounding leave.
-SEARCH_GAIN = ROUGH.gain
+SEARCH_OUT_OF_REACH = 400.0  # of 2 ln L behind another hypothesis, from which a search ends
+SEARCH_SIZES_TRIED = 3  # before that
+SEARCH_GAIN = ROUGH.gain  # of 2 ln L by which one model has to beat another: more than steps and rounding leave
 SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
 CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 
@@ -183,8 +181,8 @@ def fit_hypothesis(
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
-    grid = on_grid(problem, mechanisms)
-    offered, start = grid.offered, Reduced(problem, grid.frame)
+    frame, offered, of_sizes = on_grid(problem, mechanisms)
+    start = Reduced(problem, frame)
     empty = solved(start, name, mechanisms, problem.baseline, offered.count)
 
     def settle(
@@ -195,14 +193,14 @@ def fit_hypothesis(
     best: HypothesisFit | None = None
     worse = 0
     for size in range(1, problem.max_terms + 1):
-        starts = [settle(grid.best[size][1])] if size in grid.best else []
+        starts = [settle(of_sizes[size][1])] if size in of_sizes else []
         if best is not None:
             further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
         if not starts:
             continue
         challenger = likeliest(starts)
-        if best is None or gains(challenger, best):
+        if best is None or challenger.information < best.information - SEARCH_GAIN:
             best, worse = challenger, 0
         else:
             worse += 1
@@ -214,12 +212,8 @@ def fit_hypothesis(
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
     """The same columns, in time order (what is scanned first, not what was found first), under the problem's noise."""
-
-    def place(column: Regressor) -> tuple[bool, float, str, Theta]:
-        """What always acts comes first; then what begins first."""
-        return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
-
-    return refined_fit(problem, fit, (*problem.baseline, *sorted(fit.selected, key=place)), fit.selected, steps)
+    ordered = sorted(fit.selected, key=lambda column: (column.time_basis.start, column.mechanism, column.theta))
+    return refined_fit(problem, fit, (*problem.baseline, *ordered), fit.selected, steps)
 
 
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -267,11 +261,6 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
     least = min(found)
     equal = [fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL]
     return min(equal, key=lambda fit: len(fit.mechanisms))
-
-
-def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
-    """Whether a fit is the likelier by more than what steps leave of a criterion."""
-    return fit.information < present.information - SEARCH_GAIN
 
 
 def solved(

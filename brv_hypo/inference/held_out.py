@@ -14,8 +14,7 @@ from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.model.term import Regressor
 
-# Share of the columns' unit length that keeps the normal equations of fewer rows regular.
-_RIDGE = 1e-10
+_RIDGE = 1e-10  # of the columns' unit length: keeps the normal equations of fewer rows regular
 
 
 def jackknife_error(left_out: FloatArray) -> float:
@@ -56,9 +55,7 @@ def held_out(problem: Problem, models: Sequence[tuple[RateFrame, Sequence[Regres
 
 @dataclass(frozen=True)
 class _Flight:
-    """One flight's own unknowns at unit length (rows, unknowns), their products with themselves and the response, and
-    which of its rows are of each block.
-    """
+    """A flight's own unknowns at unit length (rows, unknowns), their products, and its rows of each block."""
 
     unit: FloatArray
     scale: FloatArray
@@ -112,8 +109,7 @@ def _error(
             values[:, place] = (common / scale)[: len(columns)]
             others[problem.rows.order[unknowns.places[number]], place] = solve(own_right - across @ common) / own.scale
             others[problem.rows.order[unknowns.places[-1]], place] = (common / scale)[len(columns) :]
-        span = histories[number].span
-        mine = histories[number]
+        mine, span = histories[number], histories[number].span
         made = mine.grid.all_of(mine.kept.rates @ others[constants:][mine.places])
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
@@ -125,9 +121,7 @@ def _error(
 def _schur(
     products: FloatArray, border: FloatArray, right: FloatArray
 ) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
-    """What eliminating a flight's unknowns takes of the products of what all share and of their right side; and what
-    solves for them.
-    """
+    """What eliminating a flight's unknowns takes of the shared products and right side; what solves for them."""
     factor = cho_factor(products, check_finite=False)
 
     def solve(rows: FloatArray) -> FloatArray:

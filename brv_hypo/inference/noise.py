@@ -55,7 +55,8 @@ def estimated_noise(problem: Problem) -> Noise:
     rates_explained, force_explained = _explained(basis, plain.rows) if thinning == 1 else (None, None)
     rates = [rest.rates[a:b] - rest.rates[a:b].mean() for a, b in part.pieces]
     force = [piece for piece in force if piece.size]
-    motion = _turning(problem)
+    flown = zip(problem.frame.motions, problem.records, strict=True)
+    motion = max(turning(each.windward_meridian_rate, each.p, record.flight.step) for each, record in flown)
     above = NOISE_BEYOND * 2.0 * np.pi / (NOISE_PER_CYCLE * rows.noise.thinning)
     return Noise(
         fit_noise(rates, NOISE_ORDER, rates_explained),
@@ -82,15 +83,6 @@ def raised_noise(problem: Problem) -> Noise:
         found = [replace(own, sigma=max(own.sigma * level, low.sigma)) for own, low, level in channels]
         problem = problem.under(replace(noise, rates=found[0], force=found[1]))
     return problem.rows.noise
-
-
-def _turning(problem: Problem) -> float:
-    """Frequency of the fastest motion of any flight in axes that do not roll, rad a sample."""
-    motions = [each.motion for each in problem.frame.reconstructions]
-    return max(
-        turning(motion.windward_meridian_rate, motion.p, record.flight.step)
-        for motion, record in zip(motions, problem.records, strict=True)
-    )
 
 
 def _explained(basis: Bordered, rows: WhitenedRows) -> tuple[FloatArray, FloatArray]:

@@ -20,14 +20,13 @@ from brv_hypo.linearisation.linear import lengths, orthonormal
 from brv_hypo.linearisation.nuisance import AT_ONCE, Nuisances
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 
 NOISE_MOST_EQUAL = 0.995  # of a direction's noise, that goes to unknowns: what is left keeps the rows regular
 GIVEN = "given"
-# Singular values of unit columns that count, of the largest.
-_CUTOFF = 1e-12
+_CUTOFF = 1e-12  # singular values of unit columns that count, of the largest
 
 
 class GivenColumns(Mechanism):
@@ -43,9 +42,9 @@ class GivenColumns(Mechanism):
         return ()
 
 
-def given_column(name: str, units: str = "1") -> Regressor:
+def given_column(name: str) -> Regressor:
     """The column of a history that is given."""
-    return Regressor(GIVEN, name, (), TimeBasis("constant"), units)
+    return Regressor(GIVEN, name)
 
 
 @dataclass(frozen=True)
@@ -262,8 +261,7 @@ class Problem:
     """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples.
 
     `records` are those of the flights; `force` (frame rows,) m/s^2 is the transverse specific force at the c.g.;
-    `given` histories that may be asked for
-    as columns, by name.
+    `given` histories that may be asked for as columns, by name.
     """
 
     frame: RateFrame

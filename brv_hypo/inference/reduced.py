@@ -12,15 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.bordered import Stretch
 from brv_hypo.inference.problem import Problem, ProjectedBaseline
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.model.term import Regressor
 
-# Share of its length below which what is left of a column is rounding.
-_SPENT = 1e-10
+_SPENT = 1e-10  # share of its length below which what is left of a column is rounding
 
 
 @dataclass(frozen=True)
@@ -88,13 +87,10 @@ class Reduced:
 
     def batch(self, columns: Sequence[Regressor]) -> Batch:
         """Columns, whitened."""
-        return self._batch(self.problem.own_rows(self.frame, columns))
+        return self.batch_of(self.problem.own_rows(self.frame, columns))
 
-    def batch_of_rates(self, rates: ComplexArray) -> Batch:
-        """Rate histories (frame rows, columns), whitened."""
-        return self._batch(self.problem.rows.white_moments(rates))
-
-    def _batch(self, rows: FloatArray) -> Batch:
+    def batch_of(self, rows: FloatArray) -> Batch:
+        """Whitened rows (m, columns)."""
         inside = self._baseline.basis[: rows.shape[0]].T @ rows
         return Batch(rows, np.concatenate([self.problem.rows.basis.coordinates(rows), inside]))
 

@@ -25,8 +25,7 @@ SCANNED = 7  # values of a parameter that are tried before Gauss-Newton
 SCANNED_FACTOR = 1.6  # of a theta either way
 REFINED_WIDTH = 2e-3  # half the width of differences by knots and delays, of their bounds
 REFINED_HALVINGS = 4  # lengths of a step that are tried
-# Values of a parameter that differ relatively by less are one.
-_SAME = 1e-12
+_SAME = 1e-12  # relative difference of values of a parameter that are one
 NARROWEST = 0.05  # of the knots' spacing: the least width of an onset
 KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
@@ -58,29 +57,31 @@ class Nonlinear:
     columns: tuple[int, ...]
     units: str = "s"
 
-    def around(self, points: int, part: float = 1.0) -> FloatArray:
-        """Values to try: over that part of the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
+    def others(self, points: int, part: float = 1.0) -> list[float]:
+        """Values to try: over a part of the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
             factor = SCANNED_FACTOR**part
-            return np.geomspace(max(low, self.value / factor), min(high, self.value * factor), points)
-        half = 0.5 * part * (high - low)
-        return np.linspace(low, high, points) if part == 1.0 else self.value + half * np.linspace(-1.0, 1.0, points)
-
-    def others(self, points: int, part: float = 1.0) -> list[float]:
-        """The values of `around` within the bounds that are not its own."""
-        values = np.clip(self.around(points, part), *self.bounds).tolist()
-        return [value for value in dict.fromkeys(values) if not math.isclose(value, self.value, rel_tol=_SAME)]
+            around = np.geomspace(max(low, self.value / factor), min(high, self.value * factor), points)
+        elif part == 1.0:
+            around = np.linspace(low, high, points)
+        else:
+            around = self.value + 0.5 * part * (high - low) * np.linspace(-1.0, 1.0, points)
+        values = dict.fromkeys(np.clip(around, low, high).tolist())
+        return [value for value in values if not math.isclose(value, self.value, rel_tol=_SAME)]
 
     def moved(self, columns: Sequence[Regressor], value: float) -> tuple[Regressor, ...]:
         """The columns with this parameter at `value`."""
         return tuple(self._moved(column, value) if j in self.columns else column for j, column in enumerate(columns))
 
     def _moved(self, column: Regressor, value: float) -> Regressor:
-        if self.kind != "theta":
-            return column.at(column.theta, _with_edge(column.time_basis, self.kind, value))
-        theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
-        return column.at(theta, column.time_basis)
+        basis = column.time_basis
+        if self.kind == "theta":
+            return column.at(tuple((key, value if key == self.name else old) for key, old in column.theta), basis)
+        if not has_width(basis):
+            return column.at(column.theta, TimeBasis(basis.kind, value, basis.stop))
+        at, width = (value, basis.stop - basis.start) if self.kind == "knot" else (middle(basis), value)
+        return column.at(column.theta, TimeBasis("ramp", at - 0.5 * width, at + 0.5 * width))
 
 
 def shift_sigma(step: float) -> float:
@@ -96,14 +97,6 @@ def middle(basis: TimeBasis) -> float:
 def has_width(basis: TimeBasis) -> bool:
     """Whether it is an onset that takes time: a ramp with an end."""
     return basis.kind == "ramp" and math.isfinite(basis.stop)
-
-
-def _with_edge(basis: TimeBasis, kind: str, value: float) -> TimeBasis:
-    """With another knot, or another width about it (s)."""
-    if not has_width(basis):
-        return TimeBasis(basis.kind, value, basis.stop)
-    at, width = (value, basis.stop - basis.start) if kind == "knot" else (middle(basis), value)
-    return TimeBasis("ramp", at - 0.5 * width, at + 0.5 * width)
 
 
 @dataclass(frozen=True)
@@ -130,12 +123,13 @@ def refine(
     """
     state = _scanned(reduced, nonlinear, columns, fresh, parts)
     for _ in range(steps.most if nonlinear else 0):
-        improved = _line_search(reduced, state, _step(reduced, state))
+        step, before = _step(reduced, state), state.fitted.rss
+        trials = (_moved(reduced, state, 0.5**halving * step) for halving in range(REFINED_HALVINGS))
+        improved = next((trial for trial in trials if trial.fitted.rss < before), None)
         if improved is None:
             break
-        gained = state.fitted.rss - improved.fitted.rss
         state = improved
-        if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
+        if reduced.problem.samples * (before - state.fitted.rss) < steps.gain * state.fitted.rss:
             break
     return state
 
@@ -210,15 +204,13 @@ def _best_of(
     products[:, :rest, rest:], products[:, rest:, :rest] = across, across.transpose(0, 2, 1)
     own = moved.products(moved).reshape(count, size, count, size)
     products[:, rest:, rest:] = own[np.arange(count), :, np.arange(count)]
-    right = _after(reduced.right(others), reduced.right(moved), count)
-    found = solve_normal(products, right, _after(others.squares, moved.squares, count))
+    right, squares = (
+        np.hstack([np.tile(shared, (count, 1)), own_of_each.reshape(count, -1)])
+        for shared, own_of_each in ((reduced.right(others), reduced.right(moved)), (others.squares, moved.squares))
+    )
+    found = solve_normal(products, right, squares)
     best = int(np.argmax(np.sum(right * found, axis=1)))
     return best, moved.of(slice(best * size, (best + 1) * size))
-
-
-def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
-    """`shared` (a,) before each of `count` parts of `own` (count * b,): (count, a + b)."""
-    return np.concatenate([np.tile(shared, (count, 1)), own.reshape(count, -1)], axis=1)
 
 
 def prediction_slopes(
@@ -247,7 +239,7 @@ def _step(reduced: Reduced, state: Refined) -> FloatArray:
     """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
     values = state.fitted.values
     rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame)
-    slopes = reduced.batch_of_rates(rates)
+    slopes = reduced.batch_of(reduced.problem.rows.white_moments(rates))
     across = state.batch.products(slopes)
     inside, count = state.fitted.products, values.size
     products = np.empty((count + len(state.nonlinear),) * 2)
@@ -255,14 +247,6 @@ def _step(reduced: Reduced, state: Refined) -> FloatArray:
     products[:count, count:], products[count:, :count] = across, across.T
     right = np.concatenate([state.fitted.right - inside @ values, reduced.right(slopes) - across.T @ values])
     return solve_normal(products, right, np.concatenate([state.batch.squares, slopes.squares]))[count:]
-
-
-def _line_search(reduced: Reduced, state: Refined, step: FloatArray) -> Refined | None:
-    for halving in range(REFINED_HALVINGS):
-        trial = _moved(reduced, state, 0.5**halving * step)
-        if trial.fitted.rss < state.fitted.rss:
-            return trial
-    return None
 
 
 def _moved(reduced: Reduced, state: Refined, step: FloatArray) -> Refined:

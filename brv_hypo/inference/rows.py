@@ -32,7 +32,7 @@ from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import orthonormal
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import ALWAYS, EVENTS_APART, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
 SETTLING = 8  # samples
@@ -104,11 +104,6 @@ class OfFlight(NamedTuple):
     with_y: FloatArray
     chosen: IntArray
 
-    def less(self, other: OfFlight) -> OfFlight:
-        """Of all rows but those of `other`."""
-        border, y = self.with_border - other.with_border, self.with_y - other.with_y
-        return OfFlight(self.own - other.own, border, y, other.chosen)
-
 
 class Products(NamedTuple):
     """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and those of
@@ -175,7 +170,10 @@ class Products(NamedTuple):
 
     def less(self, other: Products) -> Products:
         """Of all rows but those of `other`, and of the flights that it has."""
-        flights = {number: self.flights[number].less(theirs) for number, theirs in other.flights.items()}
+        flights = {}
+        for number, (own, border, y, chosen) in other.flights.items():
+            mine = self.flights[number]
+            flights[number] = OfFlight(mine.own - own, mine.with_border - border, mine.with_y - y, chosen)
         across, right = self.across - other.across, self.right - other.right
         return Products(self.rows - other.rows, self.square - other.square, across, right, flights)
 
@@ -434,11 +432,10 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
 
 def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:
     """The splines of a process of one flight as its rows."""
-    alone, always = frame.of_flight(flight).with_mechanisms([process]), TimeBasis("constant")
     terms = process.terms(frame.motions[flight], {})
-    rates = alone.columns([Regressor(process.name, term.name, (), always, "1") for term in terms])
-    own = problem.rows.of_flights[flight]
-    white = own.white_moments(rates)
+    columns = [Regressor(process.name, term.name) for term in terms]
+    rates = frame.of_flight(flight).with_mechanisms([process]).columns(columns)
+    white = problem.rows.of_flights[flight].white_moments(rates)
     return np.concatenate([white, np.zeros_like(white)])
 
 

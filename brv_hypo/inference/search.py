@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -36,50 +36,27 @@ class Offers:
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
     """The columns on offer for a hypothesis."""
+    motion = frame.motions[frame.reference]
+    knots = [problem.knots if (own := mechanism.knots(motion)) is None else own for mechanism in mechanisms]
 
     def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Regressor, ...], ...]:
+        choices = (zip(mechanisms, knots, choice, strict=True) for choice in itertools.product(*grids))
         return tuple(
-            tuple(
-                column
-                for mechanism, thetas in zip(mechanisms, choice, strict=True)
-                for column in _columns_of(problem, frame, mechanism, thetas)
-            )
-            for choice in itertools.product(*grids)
+            tuple(column for mechanism, own, thetas in choice for column in candidates(mechanism, motion, own, thetas))
+            for choice in choices
         )
 
     single = product([[(theta,) for theta in theta_grid(m, dense=True)] for m in mechanisms])
     if not any(m.several_parameters_at_once for m in mechanisms):
         return Offers(single, ())
-    return Offers(
-        single,
-        product(
-            [[theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)] for m in mechanisms]
-        ),
+    joint = product(
+        [[theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)] for m in mechanisms]
     )
+    return Offers(single, joint)
 
 
-def _columns_of(
-    problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
-) -> tuple[Regressor, ...]:
-    motion = frame.motions[frame.reference]
-    own = mechanism.knots(motion)
-    return candidates(mechanism, motion, problem.knots if own is None else own, thetas)
-
-
-@dataclass(frozen=True)
-class OnGrid:
-    """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
-
-    `best`: for each number of columns above 0 the subset of least RSS.
-    """
-
-    frame: RateFrame
-    offered: Offers
-    best: Mapping[int, Subset]
-
-
-def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> OnGrid:
-    """The best subset of each size, of either kind of offer."""
+def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> tuple[RateFrame, Offers, dict[int, Subset]]:
+    """Frame and offers of a hypothesis on the grid, and by number of columns above 0 the subset of least RSS."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
@@ -89,7 +66,7 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> OnGrid:
             size = len(subset[1])
             if size and (size not in best or subset[0] < best[size][0]):
                 best[size] = subset
-    return OnGrid(frame, offered, best)
+    return frame, offered, best
 
 
 def extended(
@@ -102,27 +79,17 @@ def extended(
     """A model's selected columns with the best further term of its own offer; None where it is full."""
     selected = columns[len(problem.baseline) :]
     reduced = Reduced(problem, frame)
-    size = _choice_size(selected or offered[0])
+    size = max((2 if column.grouped else 1 for column in selected or offered[0]), default=1)  # of one more choice
     if len(selected) + size > problem.max_terms:
         return None
-    offers = _compatible(selected, mechanisms, offered)
-    found = [subset for offer in offers for subset in _subsets(reduced, selected, offer, size) if subset[1]]
-    return (*selected, *min(found, key=itemgetter(0))[1]) if found else None
-
-
-def _choice_size(selected: Sequence[Regressor]) -> int:
-    """Columns that come with one more choice."""
-    return max((2 if column.grouped else 1 for column in selected), default=1)
-
-
-def _compatible(
-    selected: Sequence[Regressor], mechanisms: Sequence[Mechanism], offered: Sequence[tuple[Regressor, ...]]
-) -> list[tuple[Regressor, ...]]:
-    """The offers with the model's own theta, where a mechanism allows one theta at a time."""
+    # With the model's own theta, where a mechanism allows one theta at a time.
     single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
     theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
     renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.time_basis) for c in offer) for offer in offered]
-    return list(dict.fromkeys(renamed))
+    found = [
+        subset for offer in dict.fromkeys(renamed) for subset in _subsets(reduced, selected, offer, size) if subset[1]
+    ]
+    return (*selected, *min(found, key=itemgetter(0))[1]) if found else None
 
 
 def _subsets(

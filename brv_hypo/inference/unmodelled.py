@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
@@ -35,9 +36,8 @@ TURNING_RATES = 160
 TURNING_FASTEST = 3.0
 TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
-
-# The parameter that tells which shape.
-_SHAPE = "shape"
+_Key = TypeVar("_Key")
+_SHAPE = "shape"  # the parameter that tells which
 
 
 def _power(power: int, factor: complex = 1.0) -> Shape:
@@ -131,9 +131,8 @@ def free_moment(problem: Problem, shapes: tuple[str, ...] = ORDINARY) -> tuple[R
     wanted = rows / (FREE_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY))
     count = int(np.clip(wanted, FREE_FEWEST_SPLINES, FREE_MOST_SPLINES))
     free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count, shapes=shapes)
-    always = TimeBasis("constant")
     columns = tuple(
-        Regressor(free.name, f"{name} {part} {k}", ((_SHAPE, float(number)),), always, "1")
+        Regressor(free.name, f"{name} {part} {k}", ((_SHAPE, float(number)),))
         for number, name in enumerate(shapes)
         for part in range(parts[name])
         for k in range(count)
@@ -156,32 +155,21 @@ class UnmodelledMoment(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Every component of every shape; those of one shape are one vector, whatever the body axes are."""
-        return tuple(term for name in self.shapes for term in _terms_of(name, motion))
-
-
-def _terms_of(name: str, motion: Motion) -> tuple[Term, ...]:
-    components = shape_of(name, motion)
-    if len(components) == 1:
-        return (Term(name, components[0].real, components[0].imag),)
-    return tuple(
-        Term(f"{name} {part}", each.real, each.imag, vector=name)
-        for part, each in zip(("cosine", "sine"), components, strict=True)
-    )
+        found = []
+        for name in self.shapes:
+            components = shape_of(name, motion)
+            if len(components) == 1:
+                found.append(Term(name, components[0].real, components[0].imag))
+            else:
+                parts = zip(("cosine", "sine"), components, strict=True)
+                found += [Term(f"{name} {part}", each.real, each.imag, vector=name) for part, each in parts]
+        return tuple(found)
 
 
 def unmodelled_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnmodelledMoment, ...]:
-    """One of each shape with more than the share `beyond` of its rms beyond what each listed mechanism reproduces.
-
-    Over all flights. A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
-    """
-    motions = problem.frame.motions
-    known = shapes_of(listed, motions)
-    return tuple(
-        UnmodelledMoment(shapes=(name,))
-        for name in SHAPES
-        for components in [over(motions, partial(shape_of, name))]
-        if all(left_of(components, basis) > beyond for basis in known)
-    )
+    """One of each shape that no listed mechanism reproduces, but for the share `beyond` of its rms."""
+    names = _unlike(_SHAPES, listed, problem.frame.motions, beyond)
+    return tuple(UnmodelledMoment(shapes=(name,)) for name in names)
 
 
 RATE = "rate"
@@ -224,69 +212,52 @@ def turning_moment(
     """Of rates that turn by half a turn or more from `start` to `stop` s, but for those at which a
     listed mechanism reproduces all but the share `beyond` of its rms; None where there is none.
     """
-    motions = problem.frame.motions
-    known = shapes_of(listed, motions)
-    offered, apart = turning_rates(motions, stop - start)
+    offered, apart = turning_rates(problem.frame.motions, stop - start)
     every = TurningMoment(about=start, rates=tuple(offered.tolist()), apart=apart)
-    rates = tuple(
-        rate
-        for rate in every.rates
-        for components in [_components(every, {RATE: rate}, motions)]
-        if all(left_of(components, basis) > beyond for basis in known)
-    )
+    turning = {rate: partial(_components, every, {RATE: rate}) for rate in every.rates}
+    rates = _unlike(turning, listed, problem.frame.motions, beyond)
     return every.model_copy(update={"rates": rates}) if rates else None
 
 
-def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[FloatArray]:
-    """Orthonormal columns of each mechanism's terms over all flights, real above imaginary (2 samples, terms)."""
-    return [_basis(mechanism, motions) for mechanism in listed if not mechanism.parameters()]
+def _unlike(
+    shapes: Mapping[_Key, Shape], listed: Sequence[Mechanism], motions: Sequence[Motion], beyond: float
+) -> tuple[_Key, ...]:
+    """Which shapes have over all flights more than the share `beyond` of their rms beyond each listed mechanism."""
+
+    def stacked(shape: Shape) -> FloatArray:
+        """Its components, real above imaginary (2 samples of all flights, components)."""
+        components = [np.concatenate(each) for each in zip(*map(shape, motions), strict=True)]
+        return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
+
+    # A mechanism with nonlinear parameters has no shape of its own.
+    plain = (partial(_components, each, {}) for each in listed if not each.parameters())
+    bases = [np.linalg.qr(stacked(shape))[0] for shape in plain]
+
+    def is_unlike(own: FloatArray) -> bool:
+        lengths = np.linalg.norm(own, axis=0)
+        rest = (np.linalg.norm(own - basis @ (basis.T @ own), axis=0) for basis in bases)
+        return all(np.min(each / lengths) > beyond for each in rest)
+
+    return tuple(key for key, shape in shapes.items() if is_unlike(stacked(shape)))
 
 
-def over(motions: Sequence[Motion], shape: Callable[[Motion], Sequence[ComplexArray]]) -> list[ComplexArray]:
-    """The components (samples of all flights,) of a shape, flight after flight."""
-    return [np.concatenate(each) for each in zip(*map(shape, motions), strict=True)]
-
-
-def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
-    """The least share of the rms of a shape's components that lies beyond the basis."""
-    stacked = _stacked(components)
-    beyond = np.linalg.norm(stacked - basis @ (basis.T @ stacked), axis=0)
-    return float(np.min(beyond / np.linalg.norm(stacked, axis=0)))
-
-
-def _basis(mechanism: Mechanism, motions: Sequence[Motion]) -> FloatArray:
-    return np.asarray(np.linalg.qr(_stacked(_components(mechanism, {}, motions)))[0])
-
-
-def _components(mechanism: Mechanism, theta: Mapping[str, float], motions: Sequence[Motion]) -> list[ComplexArray]:
-    """Its terms over all flights."""
-
-    def components(motion: Motion) -> list[ComplexArray]:
-        return [term.in_plane + 1j * term.out_of_plane for term in checked(mechanism).terms(motion, dict(theta))]
-
-    return over(motions, components)
-
-
-def _stacked(components: Sequence[ComplexArray]) -> FloatArray:
-    return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
+def _components(mechanism: Mechanism, theta: Mapping[str, float], motion: Motion) -> tuple[ComplexArray, ...]:
+    terms = checked(mechanism).terms(motion, dict(theta))
+    return tuple(term.in_plane + 1j * term.out_of_plane for term in terms)
 
 
 def turning_rates(motions: Sequence[Motion], duration: float) -> tuple[FloatArray, float]:
     """Rates, rad/s, at which a moment is looked for that turns in the body, none at rest, and how far they are apart:
     half a turn in so many s, or more where the fastest would not be among so many.
     """
-    fastest = max(map(_fastest_turning, motions))
+    fastest = 0.0
+    for motion in motions:
+        meridian = np.percentile(np.abs(motion.windward_meridian_rate), TURNING_MERIDIAN)
+        own = TURNING_FASTEST * (float(np.mean(np.abs(motion.p))) + float(meridian))
+        fastest = max(fastest, min(own, 0.5 * np.pi / float(np.median(np.diff(motion.time)))))
     apart = max(np.pi / duration, 2.0 * fastest / TURNING_RATES)
     count = int(fastest / apart)
     return apart * np.array([k for k in range(-count, count + 1) if k], dtype=float), apart
-
-
-def _fastest_turning(motion: Motion) -> float:
-    """The largest rate, rad/s either way."""
-    fastest = TURNING_FASTEST * (
-        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), TURNING_MERIDIAN))
-    )
-    return min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
 
 
 def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:

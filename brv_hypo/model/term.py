@@ -68,9 +68,9 @@ class Regressor:
 
     mechanism: str  # its name
     term: str  # the name of the term
-    theta: Theta  # nonlinear parameters of the mechanism, by name
-    time_basis: TimeBasis  # how the coefficient changes in time
-    units: str  # of the coefficient
+    theta: Theta = ()  # nonlinear parameters of the mechanism, by name
+    time_basis: TimeBasis = ALWAYS  # how the coefficient changes in time
+    units: str = "1"  # of the coefficient
     grouped: bool = False  # whether terms with this time basis are components of one vector and enter together
     late_by: tuple[Parameter, ...] = field(default=(), compare=False)
     """Those parameters of theta that the mechanism declares to be delays."""
