@@ -342,7 +342,8 @@ class Alternative(NamedTuple):
 
 def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> list[Alternative]:
     """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
-    on the list has, and the best that turns in the body while the leader acts, each between two times.
+    on the list has, and the best that turns in the body while the leader, or one nearly as likely, acts, each between
+    two times: what leads by little may be another where a record is rounded otherwise.
 
     A leader whose characteristic terms are not wanted is such a change, and no likelier than that.
     """
@@ -352,14 +353,16 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
     found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
-    starts = sorted({c.time_basis.start for c in leader.selected if c.time_basis.kind != "constant"})
-    if starts:  # from where to where the leader acts, s
-        stretch = (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max()))
-        edges, turning = np.array(stretch), turning_moment(problem, listed, OUTSIDE, *stretch)
-        (shapes,) = regions([null], frame, turning, edges, most=1) if turning is not None else ([],)
+    near = [fit for fit in judged.fits if fit.information - leader.information < 2.0 * MECHANISM_ACTS]
+    changes = [sorted({c.time_basis.start for c in fit.selected if c.time_basis.kind != "constant"}) for fit in near]
+    last, turned = float(frame.coefficient_time.max()), list[Pair]()
+    for stretch in {(starts[0], starts[-1] if len(starts) > 1 else last) for starts in changes if starts}:
+        turning = turning_moment(problem, listed, OUTSIDE, *stretch) if leader.selected else None
+        (shapes,) = regions([null], frame, turning, np.array(stretch), most=1) if turning is not None else ([],)
         if turning is not None and shapes:
             rate = dict(max(shapes, key=lambda each: each.peak).theta)[RATE]
-            found += acting(problem, like, [turning.at(rate)], [null], edges)
+            turned += acting(problem, like, [turning.at(rate)], [null], np.array(stretch))
+    found += [max(turned, key=level)] if turned else []
     moments = [Alternative(_described(pair[0]), *pair) for pair in found]
     if is_specific(leader, judged.evidences[judged.leader]):
         return moments

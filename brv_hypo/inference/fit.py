@@ -22,7 +22,7 @@ from brv_hypo.inference.refinement import (
     prediction_slopes,
     refine,
 )
-from brv_hypo.inference.search import extended, on_grid
+from brv_hypo.inference.search import choices, extended, on_grid
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.linearisation.nuisance import Errors
@@ -183,7 +183,7 @@ def fit_hypothesis(
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
     frame, offered, of_sizes = on_grid(problem, mechanisms)
     start = Reduced(problem, frame)
-    empty = solved(start, name, mechanisms, problem.baseline, offered.count)
+    empty = solved(start, name, mechanisms, problem.baseline, choices(offered))
 
     def settle(
         chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = (), parts: Sequence[float] = (1.0,)
@@ -195,7 +195,7 @@ def fit_hypothesis(
     for size in range(1, problem.max_terms + 1):
         starts = [settle(of_sizes[size][1])] if size in of_sizes else []
         if best is not None:
-            further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
+            further = extended(problem, best.frame, best.columns, mechanisms, offered)
             starts.extend([settle(further, best.selected)] if further else [])
         if not starts:
             continue

@@ -4,55 +4,38 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Choice, Regressor, Theta, candidates, theta_grid
+from brv_hypo.model.term import Choice, Regressor, candidates, theta_grid
 from brv_hypo.subset import best_columns
 
 Subset = tuple[float, tuple[Regressor, ...]]
 
 
-@dataclass(frozen=True)
-class Offers:
-    """Sets of columns to choose from.
+Offers = tuple[tuple[Regressor, ...], ...]
+"""Sets of columns to choose from: one for each theta of the mechanisms' grids, which serves all terms of a mechanism.
+"""
 
-    `single`: one set for each theta of the mechanisms' grids, where one theta serves all terms. `joint`: the
-    sets in which terms of several theta may stand side by side.
-    """
 
-    single: tuple[tuple[Regressor, ...], ...]
-    joint: tuple[tuple[Regressor, ...], ...]
-
-    @property
-    def count(self) -> int:
-        """Number of choices at one theta, which the search pays for; theta itself is paid for as a parameter."""
-        return len({column.choice[:2] + column.choice[3:] for offer in self.single for column in offer})
+def choices(offered: Offers) -> int:
+    """Number of choices at one theta, which the search pays for; theta itself is paid for as a parameter."""
+    return len({column.choice[:2] + column.choice[3:] for offer in offered for column in offer})
 
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
     """The columns on offer for a hypothesis."""
     motion = frame.motions[frame.reference]
     knots = [problem.knots if (own := mechanism.knots(motion)) is None else own for mechanism in mechanisms]
-
-    def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Regressor, ...], ...]:
-        choices = (zip(mechanisms, knots, choice, strict=True) for choice in itertools.product(*grids))
-        return tuple(
-            tuple(column for mechanism, own, thetas in choice for column in candidates(mechanism, motion, own, thetas))
-            for choice in choices
-        )
-
-    single = product([[(theta,) for theta in theta_grid(m, dense=True)] for m in mechanisms])
-    if not any(m.several_parameters_at_once for m in mechanisms):
-        return Offers(single, ())
-    joint = product(
-        [[theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)] for m in mechanisms]
+    thetas = itertools.product(*(theta_grid(mechanism, dense=True) for mechanism in mechanisms))
+    chosen = (zip(mechanisms, knots, each, strict=True) for each in thetas)
+    return tuple(
+        tuple(column for mechanism, own, theta in each for column in candidates(mechanism, motion, own, (theta,)))
+        for each in chosen
     )
-    return Offers(single, joint)
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> tuple[RateFrame, Offers, dict[int, Subset]]:
@@ -61,7 +44,7 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> tuple[RateFram
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
     best: dict[int, Subset] = {}
-    for offer in (*offered.single, *offered.joint):
+    for offer in offered:
         for subset in _subsets(reduced, (), offer, problem.exact_terms):
             size = len(subset[1])
             if size and (size not in best or subset[0] < best[size][0]):
@@ -76,15 +59,13 @@ def extended(
     mechanisms: Sequence[Mechanism],
     offered: Sequence[tuple[Regressor, ...]],
 ) -> tuple[Regressor, ...] | None:
-    """A model's selected columns with the best further term of its own offer; None where it is full."""
+    """A model's selected columns with the best further term at its own theta; None where it is full."""
     selected = columns[len(problem.baseline) :]
     reduced = Reduced(problem, frame)
     size = max((2 if column.grouped else 1 for column in selected or offered[0]), default=1)  # of one more choice
     if len(selected) + size > problem.max_terms:
         return None
-    # With the model's own theta, where a mechanism allows one theta at a time.
-    single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
-    theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
+    theta = {c.mechanism: c.theta for c in selected}
     renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.time_basis) for c in offer) for offer in offered]
     found = [
         subset for offer in dict.fromkeys(renamed) for subset in _subsets(reduced, selected, offer, size) if subset[1]

@@ -133,8 +133,6 @@ class Mechanism(BaseModel, ABC):
     """How a coefficient may change in time (Eq. 3.6): constant, jumps at knots, ramps from knots."""
     terms_enter_together: ClassVar[bool] = False
     """True where the terms of one region are components of one vector: they enter and leave together."""
-    several_parameters_at_once: ClassVar[bool] = False
-    """True where terms of several theta may stand side by side, as the delays of Eq. 5.1 do."""
     stated_family: ClassVar[str | None] = None
     """One of `FAMILIES`; None: that of the processes whose shapes make most of its moment."""
     characteristic: ClassVar[tuple[str, ...]] = ()

@@ -133,8 +133,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         fits = [solved_again(problem, own)] if own.selected else []
     else:
         frame, grid = problem.frame.with_mechanisms([mechanism]), theta_grid(mechanism)
-        together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
-        offered = [_offered(problem, frame, mechanism, thetas) for thetas in together]
+        offered = [_offered(problem, frame, mechanism, (theta,)) for theta in grid]
         searched = len({column for offer in offered for column in offer})
         named = mechanism.name, (mechanism,), frame
         fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]

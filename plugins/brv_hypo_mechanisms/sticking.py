@@ -12,7 +12,8 @@ from brv_hypo.motion.motion import Motion
 
 
 class Sticking(Mechanism):
-    """C_Z' += eps C_mw(t - tau) sin(phi_w(t) - phi_w(t - tau)), summed over the delays tau (Eq. 5.1).
+    """C_Z' += eps C_mw(t - tau) sin(phi_w(t) - phi_w(t - tau)), for one delay tau of Eq. 5.1: two that are near make up
+    for one another.
 
     `complete` adds the in-plane part that Eq. 5.1 leaves out, eps (C_mw(t - tau) cos(dphi) - C_mw(t)).
     """
@@ -20,7 +21,6 @@ class Sticking(Mechanism):
     name, title = "sticking", "flow sticking for a discrete delay"
     claims = "a fraction of the wind-fixed flow stays at the meridian that it had a fixed time ago"
     source = "report, Eq. 5.1, Tables 5.7 and 5.8"
-    several_parameters_at_once = True
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"eps": (0.0, 1.0)}
 
     form: Literal["printed", "complete"] = "printed"

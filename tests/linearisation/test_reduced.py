@@ -25,7 +25,7 @@ def problem() -> Problem:
 def offered(name: str) -> tuple[RateFrame, tuple[Regressor, ...]]:
     mechanism = find(name)
     frame = problem().frame.with_mechanisms([mechanism])
-    return frame, offers(problem(), frame, [mechanism]).single[0]
+    return frame, offers(problem(), frame, [mechanism])[0]
 
 
 @pytest.mark.parametrize("name", ["damping", "bodyfixed", "inplane", "lag"])
