@@ -147,7 +147,7 @@ class Evidence(_Integrated):
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
         if (closed := self.terms.coefficients) is not None:
-            values = np.linalg.solve(closed, values)
+            values = np.asarray(np.linalg.solve(closed, values), dtype=float)
         made = self.terms.x[:, :count] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
