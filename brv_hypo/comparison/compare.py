@@ -213,8 +213,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
             continue  # nothing is known of it, or the same mechanisms act as in one of the others
         # A value that no body has counts where without it most of the log evidence that the fit gains is lost.
         excess, gain = out_of_bounds(fit), weight * (own.level - null.level)
-        costs = excess is not None and 0.5 * excess.sigmas**2 > BOUND_COSTS * max(gain, 0.0)
-        impossible = excess.words if excess is not None and costs else None
+        possible = excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0)
+        impossible = None if possible or excess is None else excess.words
         listed.append(Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
         Candidate(fit.name, weighed(fit, own.level - null.level, weight), weight * own.held_out, words=words)

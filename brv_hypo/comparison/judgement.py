@@ -189,7 +189,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = moved(problem, pairs[place], closely=True)
-    for k, (fit, _) in enumerate(pairs):  # of which a part does not act, as the one without that part
+    for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
         like, own = min(same, key=lambda pair: len(pair[0].mechanisms))
         pairs[k] = replace(like, name=fit.name, mechanisms=fit.mechanisms), own

@@ -295,7 +295,7 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
-    if not errors or abs(errors[0].tolerances) <= FAR_TOLERANCES:
+    if not (errors and abs(errors[0].tolerances) > FAR_TOLERANCES):
         return ""
     return f"{errors[0].name} is {errors[0].stated}, {abs(errors[0].tolerances):.1f} times its tolerance"
 

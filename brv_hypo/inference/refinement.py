@@ -58,7 +58,7 @@ class Nonlinear:
     units: str = "s"
 
     def others(self, points: int, part: float = 1.0) -> list[float]:
-        """Values to try: over a part of the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
+        """Other values to try: of a knot over a part of its bounds, of a theta within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
             factor = SCANNED_FACTOR**part
@@ -204,10 +204,8 @@ def _best_of(
     products[:, :rest, rest:], products[:, rest:, :rest] = across, across.transpose(0, 2, 1)
     own = moved.products(moved).reshape(count, size, count, size)
     products[:, rest:, rest:] = own[np.arange(count), :, np.arange(count)]
-    right, squares = (
-        np.hstack([np.tile(shared, (count, 1)), own_of_each.reshape(count, -1)])
-        for shared, own_of_each in ((reduced.right(others), reduced.right(moved)), (others.squares, moved.squares))
-    )
+    right = np.hstack([np.tile(reduced.right(others), (count, 1)), reduced.right(moved).reshape(count, -1)])
+    squares = np.hstack([np.tile(others.squares, (count, 1)), moved.squares.reshape(count, -1)])
     found = solve_normal(products, right, squares)
     best = int(np.argmax(np.sum(right * found, axis=1)))
     return best, moved.of(slice(best * size, (best + 1) * size))
