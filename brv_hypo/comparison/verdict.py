@@ -275,6 +275,15 @@ def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Ve
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
+def without_converged_motion(verdict: Verdict) -> Verdict:
+    """The verdict on a motion whose search did not converge, without a name: of another motion another may lead."""
+    if verdict.outcome not in ("named", "undecided"):
+        return verdict
+    said = " The search for the motion did not converge, and another motion may have another verdict: nothing is named."
+    known = {"winner": None, "outcome": "undecided", "described": None, "reason": verdict.reason + said}
+    return verdict.model_copy(update=known)
+
+
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
     """The verdict on several flights, with what speaks against a mechanism that it names, or describes: a rival whose
     held-out error, of `ratios` to the baseline's by name, is far smaller.

@@ -26,6 +26,7 @@ from brv_hypo.comparison.verdict import (
     with_far_processes,
     with_gaps,
     with_prediction_error,
+    without_converged_motion,
 )
 from brv_hypo.thresholds import NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
@@ -187,6 +188,13 @@ def test_beside_processes_far_beyond_their_ordinary_size_nothing_is_named() -> N
             assert with_far_processes(with_prediction_error(found, 1.3)).reason.count("no established cause") == 1
     null = said(NULL).model_copy(update={"processes": (large.model_copy(update={"size": 230.0 * large.tolerance}),)})
     assert with_far_processes(null) == null
+
+
+def test_on_a_motion_that_did_not_converge_nothing_is_named() -> None:
+    for verdict in (said(NULL, LAG), said(candidate(NONE, 0.0), candidate("lag", -8.0))):
+        found = without_converged_motion(verdict)
+        assert (found.outcome, found.winner, found.described) == ("undecided", None, None)
+        assert found.reason.endswith("nothing is named.")
 
 
 def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:

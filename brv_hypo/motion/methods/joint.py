@@ -30,7 +30,7 @@ from brv_hypo.motion.inertial import (
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import effective, unit
-from brv_hypo.motion.reconstruction import WindHistory
+from brv_hypo.motion.reconstruction import NOT_CONVERGED, WindHistory
 from brv_hypo.motion.responses import (
     GRAVITY_PARTS,
     Axes,
@@ -94,7 +94,7 @@ StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) f
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """A converged fit."""
+    """A fit, converged where it is `converged`."""
 
     measurements: Measurements  # what was fitted
     start: WindStart  # where the nominal motion starts
@@ -108,6 +108,7 @@ class SmoothedMotion:
     walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
     turn: ComplexArray  # unit number (n,) from wind to body axes
     score: float  # Bayesian information criterion
+    converged: bool  # whether the last step was as small as asked for
 
     @property
     def near(self) -> StartingPoint:
@@ -192,7 +193,7 @@ class RandomWalkSmoother:
         if crossflow is None:
             crossflow = body_crossflow(self.record, wind_direction(self.record, start))
         coefficients: tuple[FloatArray, ...] = ()
-        share, last, equations = 1.0, None, None
+        share, last, equations, converged = 1.0, None, None, False
         for _ in range(MOTION_MOST_STEPS):
             direction = wind_direction(self.record, start)
             axes = transverse_axes(direction)
@@ -216,7 +217,8 @@ class RandomWalkSmoother:
             steps = np.split(share * solution.theta[self.shared :], ends)
             coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
             walk_sigma = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
+            converged = bool(np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))))
+            if converged:
                 break
         assert equations is not None
         final = equations
@@ -243,6 +245,7 @@ class RandomWalkSmoother:
             walk_sigma=walk_sigma,
             turn=turn,
             score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
+            converged=converged,
         )
 
     def _linear(
@@ -346,9 +349,9 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     first: as a factor of the normal force it would be in what the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
-    problem, near, left = RandomWalkSmoother(record), None, 1.0
+    problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True
     if perturbations:
-        problem, near, left = _linearised(record, config, perturbations)
+        problem, near, left, converged = _linearised(record, config, perturbations)
     fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
     alone = _relative_error(fit, problem.record.measured)
     warnings: tuple[str, ...] = ()
@@ -359,6 +362,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
             "was used to measure the attitude to the wind as well. Better accelerometers or a window of "
             "higher dynamic pressure would do without it",
         )
+    warnings = warnings if fit.converged and converged else (*warnings, NOT_CONVERGED)
     radial, tangential = fit.sigmas()
     force, coefficients = fit.measurements[0], fit.coefficients[0]
     return WindHistory(
@@ -377,8 +381,9 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
 
 def _linearised(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
-) -> tuple[RandomWalkSmoother, StartingPoint, float]:
-    """The problem with the record's errors, linearised where they are taken out; a rough fit, and what it leaves.
+) -> tuple[RandomWalkSmoother, StartingPoint, float, bool]:
+    """The problem with the record's errors, linearised where they are taken out; a rough fit, what it leaves, and
+    whether it converged.
 
     The noise of the force is that of the residual before: with its own noise from the start, errors of the record would
     be estimated at tens of tolerances, from where no step leads back.
@@ -396,12 +401,12 @@ def _linearised(
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = fit.normal_force
-        left = _left(record, force)
+        left, converged = _left(record, force), fit.converged
         del fit, responses
         responses = effect_responses(record, near[1], force, effects)
         if moved < MOTION_MOVED:
             break
-    return RandomWalkSmoother(record, responses, known), near, left
+    return RandomWalkSmoother(record, responses, known), near, left, converged
 
 
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float = 1.0) -> SmoothedMotion:
