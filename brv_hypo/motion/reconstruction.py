@@ -26,9 +26,9 @@ from brv_hypo.results import HasCharts, Histories
 
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
 NOT_CONVERGED = (
-    "the search for the motion did not converge: rounded otherwise, or over another window, another motion may be found, "
-    "farther off than the sigma of alpha says. Give a window in which alpha is smaller (--start, --stop), or the "
-    "tolerances that the instruments have (--instruments)"
+    "the search for the motion did not converge: rounded otherwise, or over another window, another motion may be "
+    "found, farther off than the sigma of alpha says. Give a window in which alpha is smaller (--start, --stop), or "
+    "the tolerances that the instruments have (--instruments)"
 )
 FORMAT = "brv-motion"
 FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning

@@ -94,7 +94,7 @@ StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) f
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """A fit, converged where it is `converged`."""
+    """A fit."""
 
     measurements: Measurements  # what was fitted
     start: WindStart  # where the nominal motion starts
@@ -108,7 +108,7 @@ class SmoothedMotion:
     walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
     turn: ComplexArray  # unit number (n,) from wind to body axes
     score: float  # Bayesian information criterion
-    converged: bool  # whether the last step was as small as asked for
+    converged: bool  # whether the last step was small enough
 
     @property
     def near(self) -> StartingPoint:
