@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,6 +37,7 @@ SEARCH_SIZES_TRIED = 3  # before that
 SEARCH_GAIN = ROUGH.gain  # of 2 ln L by which one model has to beat another: more than steps and rounding leave
 SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
 CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
+_NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 
 
 @dataclass(frozen=True)
@@ -176,8 +178,9 @@ def fit_hypothesis(
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
     The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
-    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term, unless the
-    data determine none. Its search ends early where it stays far behind `best_rival`, the least of the others.
+    best further term; the least extended BIC after refinement decides. Two changes that bracket one are joined where
+    that is likelier. A hypothesis keeps at least one term, unless the data determine none. Its search ends early where
+    it stays far behind `best_rival`, the least criterion of the others so far.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
@@ -207,7 +210,35 @@ def fit_hypothesis(
         behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
         if worse == SEARCH_PATIENCE or behind:
             break
-    return empty if best is None else likeliest([best, settle(best.selected, parts=CLOSELY)])
+    while best is not None:
+        present = best
+        fewer = joined(present.selected, present.values[present.baseline_size :], problem.knots)
+        best = likeliest([present, *(settle(columns, present.selected) for columns in fewer)])
+        if not gains(best, present):
+            return likeliest([present, settle(present.selected, parts=CLOSELY)])
+    return empty
+
+
+def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray) -> list[tuple[Regressor, ...]]:
+    """The columns with two changes of like direction, at neighbouring knots of the grid, as one between them, which
+    they bracket: once for every two that are so.
+    """
+    apart = _NEIGHBOURS * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
+    jumps = sorted({c.time_basis for c in selected if c.time_basis.kind == "jump"}, key=lambda basis: basis.start)
+    sized = [
+        (basis, {(c.term, c.theta): v for c, v in zip(selected, values, strict=False) if c.time_basis == basis})
+        for basis in jumps
+    ]
+    found = []
+    for (early, first), (late, second) in pairwise(sized):
+        size, other = (float(np.linalg.norm(list(each.values()))) for each in (first, second))
+        like = first.keys() == second.keys() and sum(first[key] * second[key] for key in first) > 0.0
+        if like and late.start - early.start < apart:
+            between = replace(early, start=(size * early.start + other * late.start) / (size + other))
+            at = {early: between, late: between}
+            columns = (c.at(c.theta, at.get(c.time_basis, c.time_basis)) for c in selected)
+            found.append(tuple(dict.fromkeys(columns)))
+    return found
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
