@@ -214,7 +214,7 @@ def fit_hypothesis(
         present = best
         fewer = joined(present.selected, present.values[present.baseline_size :], problem.knots)
         best = likeliest([present, *(settle(columns, present.selected) for columns in fewer)])
-        if not gains(best, present):
+        if not best.information < present.information - SEARCH_GAIN:
             return likeliest([present, settle(present.selected, parts=CLOSELY)])
     return empty
 
