@@ -32,6 +32,7 @@ from brv_hypo.comparison.with_processes import (
     plainest,
     possible_level,
     price,
+    scanned,
     together,
     widened,
     with_its_evidence,
@@ -188,7 +189,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
-    pairs[place] = moved(problem, pairs[place], closely=True)
+    pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
         like, own = min(same, key=lambda pair: len(pair[0].mechanisms))

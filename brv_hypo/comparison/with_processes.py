@@ -2,8 +2,8 @@
 
 The search, which knows no processes, describes with many knots what they explain. In order: `with_its_evidence` (a fit
 as it was searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without
-what is not wanted), `widened` (onsets that take time); of the leader `moved` closely, with errors `beyond_linear`.
-Forms have a `price`.
+what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, with errors
+`beyond_linear`. Forms have a `price`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
+from brv_hypo.inference.refinement import KNOT_MARGIN, SCANNED, middle, nonlinear_parameters
 from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
@@ -404,6 +404,23 @@ def _level_fixed(pair: Pair) -> float:
     """The log evidence with knots and delays where they are."""
     terms = len(pair[0].selected)
     return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
+
+
+def scanned(problem: Problem, pair: Pair) -> Pair:
+    """With delays, and what goes with them, where they are likeliest of a scan about where steps of them ended: what is
+    multiplied by a delay makes up for it along a curve, which steps on a straight line leave.
+    """
+    for k in range(len(pair[0].nonlinear)):
+        fit, own = pair
+        parameter, place = fit.nonlinear[k], len(fit.selected) + k
+        values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
+        tried = (_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)
+        found = [pair, *(each for each in tried if len(each[0].nonlinear) == len(fit.nonlinear))]
+        best = max(found, key=lambda each: each[1].level_without([place]))
+        if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
+            found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
+            pair = max(*found, moved(problem, found[1], closely=True), key=level)
+    return pair
 
 
 def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.with_processes import Pair, _with_columns, beyond_linear
+from brv_hypo.comparison.with_processes import Pair, _with_columns, beyond_linear, scanned
 from brv_hypo.inference.evidence import with_amplitudes
 from tests.chains import judged_cone
 
@@ -28,6 +28,15 @@ def with_delay(pair: Pair, factor: float) -> Pair:
 
 def delay_of(pair: Pair) -> float:
     return next(each.value for each in pair[0].nonlinear if each.kind == "theta")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_a_scan_leads_back_to_the_delay_of_the_largest_evidence(factor: float) -> None:
+    pair = leading("lag")
+    back = scanned(judged_cone("lag").problem, with_delay(pair, factor))
+    assert delay_of(back) == pytest.approx(delay_of(pair), rel=0.15)
+    assert back[1].level > with_delay(pair, factor)[1].level
 
 
 @pytest.mark.thorough
@@ -74,6 +83,7 @@ def test_a_fraction_errs_along_the_curve_on_which_a_shorter_delay_makes_up_for_i
 def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
     assert not np.any(beyond_linear(judged_cone("bodyfixed").problem, pair, 1.0))
+    assert scanned(judged_cone("bodyfixed").problem, pair) is pair
 
 
 def test_the_interval_of_a_knot_ends_before_another() -> None:
