@@ -354,11 +354,12 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
     found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
-    near = [fit for fit in judged.fits if fit.information - leader.information < 2.0 * MECHANISM_ACTS]
+    most = leader.information + 2.0 * MECHANISM_ACTS
+    near = [fit for fit in judged.fits if leader.selected and fit.information < most]
     changes = [sorted({c.time_basis.start for c in fit.selected if c.time_basis.kind != "constant"}) for fit in near]
     last, turned = float(frame.coefficient_time.max()), list[Pair]()
     for stretch in {(starts[0], starts[-1] if len(starts) > 1 else last) for starts in changes if starts}:
-        turning = turning_moment(problem, listed, OUTSIDE, *stretch) if leader.selected else None
+        turning = turning_moment(problem, listed, OUTSIDE, *stretch)
         (shapes,) = regions([null], frame, turning, np.array(stretch), most=1) if turning is not None else ([],)
         if turning is not None and shapes:
             rate = dict(max(shapes, key=lambda each: each.peak).theta)[RATE]

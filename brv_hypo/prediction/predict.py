@@ -147,7 +147,8 @@ def _predict(
         own=own.mean_square(),
         noise=measured.mean_square_of_noise(),
     )
-    fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
+    # Coefficients that are fitted here are beside errors within tolerances.
+    fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
     change, difference, differs, misfit = None, None, False, float("nan")
     covariance[np.ix_(known, known)] = known_by
@@ -179,13 +180,13 @@ def _predict(
     noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = estimates(columns, fit.values, covariance, data.frame)
-    beside = estimates(columns, within.values, within.covariance[: len(columns), : len(columns)], data.frame)
+    values = np.where(np.isfinite(fixed), fit.values, within.values)
+    terms = estimates(columns, values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
         frozen=tuple(terms[k] for k in known),
-        refitted=tuple(term for k, term in enumerate(beside) if k not in known),  # beside errors within tolerances
+        refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
         explained=1.0 - _unexplained(measured, left, errors.noise, flown),
@@ -260,14 +261,15 @@ def _frozen(
 
     places = np.array([place.get(column, -1) for column in model.columns])
     corrections: Errors = {}
-    found = [read_with(corrections)]
-    for linearisation in range(1 + PREDICTED_LINEARISATIONS if effects else 0):
-        if linearisation:
-            found.append(read_with(corrections))
-        last, errors = found[-1], _errors_within(found[-1], content, places)
+    if not effects:
+        return read_with(corrections), places, left_out
+    found = list[Fit]()
+    for _ in range(1 + PREDICTED_LINEARISATIONS):
+        last = read_with(corrections)
+        errors = _errors_within(last, content, places)
         mine = np.array([False] * len(model.columns) + [item.name in effects for item in last.nuisances])
         own_errors = np.append(np.full(len(model.columns), np.nan), errors)
-        found[-1] = replace(last, known=np.where(mine, own_errors, last.known))
+        found.append(replace(last, known=np.where(mine, own_errors, last.known)))
         beside = last.problem.rows.nuisances.values(errors, 1)[0]
         own = {name: value for name, value in beside.items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
