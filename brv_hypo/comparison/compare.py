@@ -72,7 +72,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.pipeline import gaps_of
-from brv_hypo.motion.reconstruction import NOT_CONVERGED, Reconstruction
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
@@ -193,7 +193,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
         gaps = [gap for each in timed for gap in gaps_of(each)]
         verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
-    if any(NOT_CONVERGED in each.warnings for each in reconstructions):
+    if not all(each.converged for each in reconstructions):
         verdict = without_converged_motion(verdict)
     if len(flights) > 1 and verdict.outcome != "named":
         verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {ALONE}"})

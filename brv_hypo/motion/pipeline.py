@@ -130,6 +130,11 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Iterator[str]:
     """Warnings, the most important first."""
     flight, measured = record.flight, record.measured
+    if not wind.converged:
+        yield (
+            "the search for the motion did not converge: alpha may be farther off than its sigma says. Give a window "
+            "in which it is smaller (--start, --stop), or the tolerances that the instruments have (--instruments)"
+        )
     lost = gaps_of(flight)
     if lost:
         first, last = lost[0]
@@ -251,6 +256,7 @@ def reconstruct(
         corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
+        converged=wind.converged,
     )
 
 

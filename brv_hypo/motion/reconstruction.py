@@ -25,11 +25,6 @@ from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
 
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
-NOT_CONVERGED = (
-    "the search for the motion did not converge: rounded otherwise, or over another window, another motion may be "
-    "found, farther off than the sigma of alpha says. Give a window in which alpha is smaller (--start, --stop), or "
-    "the tolerances that the instruments have (--instruments)"
-)
 FORMAT = "brv-motion"
 FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning
 
@@ -48,6 +43,7 @@ class WindHistory:
     accel_sigma: float  # white noise of the accelerometers as estimated by the fit, m/s^2
     effects: EffectFit  # the estimated errors of the record
     warnings: tuple[str, ...] = ()  # what limits the result
+    converged: bool = True  # whether the search for the motion ended
     normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
 
     @property
@@ -127,6 +123,7 @@ class Reconstruction(HasCharts, Histories):
     # what smoothing left of the noise of inputs, where `flight` holds them smoothed
     input_errors: tuple[InputError, ...] = ()
     normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
+    converged: bool = True  # whether the search for the motion ended; else the errors are no bound
 
     @property
     def normal_force_ratio(self) -> FloatArray:

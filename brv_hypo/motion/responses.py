@@ -25,7 +25,7 @@ from brv_hypo.motion.signals import differentiated, smooth_channel
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
-GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
+START_PARTS = 5  # unknowns that stand before the errors of the record: direction and gravity at the first sample
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
 Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
@@ -244,34 +244,18 @@ def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[In
     return drift
 
 
-class Drift:
-    """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
+def drift_of(responses: EffectResponses, axes: Axes, errors: FloatArray) -> ComplexArray:
+    """Transverse velocity (n,) m/s in wind axes by errors of these sizes (e,)."""
+    moved = responses.rows.all_of(np.asarray(responses.drift @ errors))
+    second, third = (np.einsum("ni,ni->n", axis, moved) for axis in axes)
+    return np.asarray(-(second + 1j * third))
 
-    `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
-    is across the velocity at each instant.
-    """
 
-    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: Axes) -> None:
-        self._responses, self._axes = responses, axes
-        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
-        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
-        self._whole = self._of(slice(0, record.time.size)) if len(blocks(record.time.size)) == 1 else None
+def drift_columns(responses: EffectResponses, axes: Axes, parts: ComplexArray) -> Callable[[slice], ComplexArray]:
+    """What makes rows of transverse velocity (n, 5 + e) m/s in wind axes by the start, `parts` (n, 5), and errors."""
 
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        return self._of(rows) if self._whole is None else self._whole[rows]
+    def rows_of(rows: slice) -> ComplexArray:
+        across = np.stack([axis[rows] for axis in axes], axis=1) @ responses.rows.all_of(responses.drift, rows)
+        return np.concatenate([parts[rows], -(across[:, 0] + 1j * across[:, 1])], axis=1)
 
-    def _of(self, rows: slice) -> ComplexArray:
-        second, third = (axis[rows] for axis in self._axes)
-        out = np.empty((second.shape[0], GRAVITY_PARTS + len(self._responses.effects)), dtype=complex)
-        out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, self._fallen[rows])
-        across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
-        np.negative(across[:, 0], out=out.real[:, GRAVITY_PARTS:])
-        np.negative(across[:, 1], out=out.imag[:, GRAVITY_PARTS:])
-        return out
-
-    def of(self, unknowns: FloatArray) -> ComplexArray:
-        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
-        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[GRAVITY_PARTS:]))
-        moved = self._fallen @ unknowns[:GRAVITY_PARTS] - of_errors
-        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
-        return np.asarray(second + 1j * third)
+    return rows_of(slice(0, parts.shape[0])).__getitem__ if len(blocks(parts.shape[0])) == 1 else rows_of

@@ -36,7 +36,7 @@ from brv_hypo.motion.responses import EffectResponses
 BENT = 0.2
 # Samples at the ends of a segment that are not used: what a late clock makes of them is outside the record.
 SEGMENT_ENDS = 4
-LARGEST_LOCAL_SCALING = 4.0  # of an observation that hardly changes along the crossflow: it says little there
+LEAST_COSINE = 0.1  # of alpha, in the derivative of alpha by its sine
 _RIDGE = 1e-11  # keeps unknowns that the data do not see from making the normal equations singular; they stay at zero
 # All steps together vary by this share at least of the variance that the measurements leave of one level, which changes
 # no answer: steps without noise, of rates that were computed, make the information singular in double precision.
@@ -95,48 +95,33 @@ class MeasurementModel:
         """What the model makes of the crossflow alone (n,)."""
         return np.asarray(self.scale * self.ratio(xi, coefficients) * effective(xi))
 
-    def gain(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
-        """Derivative of that by the crossflow, across it (n,); along it too, once it is scaled by `local_scaling`."""
-        stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
-        return np.asarray(self.scale * self.ratio(xi, coefficients) * stretched)
+    def gain(self, xi: ComplexArray, coefficients: FloatArray, turn: ComplexArray) -> ComplexArray:
+        """Derivative of that by the two parts of a shift of the crossflow (n, 2), which `turn` (n,) turns to the body.
 
-    def local_scaling(self, xi: ComplexArray, coefficients: FloatArray) -> LocalScaling | None:
-        """What makes the gain along the crossflow, where the model bends, that across it; None where it does not."""
-        if not self.bends:
-            return None
-        across = self.ratio(xi, coefficients).real
-        along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
-        factor = across / np.where(along == 0.0, 1e-300, along)
-        bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
-        return LocalScaling(bounded, unit(xi) ** 2)
+        Along the crossflow a slope that bends, and alpha over its sine, gain more than across it.
+        """
+        size = np.abs(xi)
+        alpha = np.arcsin(np.minimum(size, 1.0))
+        across = self.ratio(xi, coefficients) * alpha / np.maximum(size, 1e-12)
+        along = self.slope(coefficients) + 3.0 * self.bend(coefficients) * alpha**2
+        along = np.where(size < 1e-12, across, along / np.maximum(np.cos(alpha), LEAST_COSINE))
+        same, mirrored = 0.5 * (along + across) * turn, 0.5 * (along - across) * unit(xi) ** 2 * np.conj(turn)
+        return np.asarray(self.scale[:, np.newaxis] * np.stack([same + mirrored, 1j * (same - mirrored)], axis=1))
+
+    def with_errors(self, errors: FloatArray) -> MeasurementModel:
+        """The same model with the scale that it has under errors of the record (e,)."""
+        if self.factors is None:
+            return self
+        return replace(self, scale=self.scale * (1.0 - self.kept.all_of(np.asarray(self.factors @ errors))))
+
+    def residual(self, xi: ComplexArray, coefficients: FloatArray, errors: FloatArray) -> ComplexArray:
+        """The observation (n,) less what the model makes of crossflow, coefficients and errors of the record."""
+        modelled = self.with_errors(errors).columns(xi) @ coefficients
+        return np.asarray(self.observed - modelled - self.kept.all_of(np.asarray(self.effects @ errors)))
 
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
         return replace(self, slope_basis=slope_basis(time, count))
-
-
-@dataclass(frozen=True)
-class LocalScaling:
-    """Observations (n,) stretched by `factor` along the crossflow, whose direction squared is `turn`."""
-
-    factor: FloatArray
-    turn: ComplexArray
-
-    def of(self, values: ComplexArray, rows: slice = slice(None)) -> ComplexArray:
-        """Values (rows, ...) stretched."""
-        factor, turn = self.factor[rows], self.turn[rows]
-        shape = (-1, *(1,) * (values.ndim - 1))
-        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * turn).reshape(shape)
-        return np.asarray(same * values + turned * np.conj(values))
-
-    def back(self, values: ComplexArray) -> ComplexArray:
-        """Values (n,) as they were before."""
-        return replace(self, factor=1.0 / self.factor).of(values)
-
-    @property
-    def noise(self) -> FloatArray:
-        """What the noise of both parts is, on the average, over what it was (n,)."""
-        return np.sqrt(0.5 * (1.0 + self.factor**2))
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:
@@ -189,7 +174,7 @@ class LinearMeasurement:
     """One observation at each of n samples."""
 
     residual: ComplexArray  # (n,)
-    gain: ComplexArray  # h (n,)
+    gain: ComplexArray  # change by the real and by the imaginary part of the walk (n, 2)
     columns: Columns  # A (n, k)
     sigma: FloatArray  # standard deviation (n,) of each part of the complex noise; inf where nothing is measured
 
@@ -198,35 +183,35 @@ class LinearMeasurement:
 class WalkEquations:
     """The problem once the walk is eliminated: normal equations of the globals."""
 
-    last: LinearMeasurement
-    # the walk at theta = 0 and less its change per unit of each global, real parts before imaginary ones (n, 2 k + 2)
+    # the walk at theta = 0 and less its change per unit of each global, real and imaginary parts by turns (2 n, k + 1)
     answer: FloatArray
-    walk_variance: FloatArray  # per part, given the globals (n,)
+    walk_covariance: FloatArray  # of both parts, given the globals (n, 2, 2)
+    step_information: FloatArray  # of the walk's steps from 0, per part (n,)
     gram: FloatArray  # inner products of residual (first) and columns, whitened (k + 1, k + 1)
 
     def sensitivity(self, rows: slice = slice(None)) -> ComplexArray:
         """Change of the walk per unit of each global (rows, k)."""
-        count = self.gram.shape[0]
-        return np.asarray(-(self.answer[rows, 1:count] + 1j * self.answer[rows, count + 1 :]))
+        first, last, _ = rows.indices(self.walk_covariance.shape[0])
+        answer = self.answer[2 * first : 2 * last, 1:]
+        return np.asarray(-(answer[0::2] + 1j * answer[1::2]))
 
-    def solve(self, mean: FloatArray, information: FloatArray) -> WalkSolution:
-        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free."""
-        normal = self.gram[1:, 1:] + np.diag(information)
+    def solve(
+        self, mean: FloatArray, information: FloatArray, damping: float = 0.0, near: FloatArray | float = 0.0
+    ) -> WalkSolution:
+        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free.
+
+        The globals are kept `near` (k,) by a share `damping` of what the measurements say of each.
+        """
+        kept = damping * np.diag(self.gram)[1:]
+        normal = self.gram[1:, 1:] + np.diag(information + kept)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.inv(normal * scale[:, None] * scale + _RIDGE * np.eye(mean.size))
         covariance = inverse * scale[:, None] * scale
-        theta = covariance @ (self.gram[1:, 0] + information * mean)
+        theta = covariance @ (self.gram[1:, 0] + information * mean + kept * near)
         cost = self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta
         cost += float(information @ (theta - mean) ** 2)
-        weights = np.append(1.0, -theta)
-        walk = self.answer[:, : weights.size] @ weights + 1j * (self.answer[:, weights.size :] @ weights)
-        return WalkSolution(walk, theta, covariance, float(cost))
-
-    def residual(self, solution: WalkSolution) -> ComplexArray:
-        """Residual (n,) of the last measurement."""
-        last = self.last
-        fitted = [last.columns(rows) @ solution.theta for rows in blocks(last.residual.size)]
-        return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
+        walk = self.answer @ np.append(1.0, -theta)
+        return WalkSolution(walk[0::2] + 1j * walk[1::2], theta, covariance, float(cost))
 
 
 @dataclass(frozen=True)
@@ -239,39 +224,48 @@ class WalkSolution:
     cost: float
 
 
-def walk_equations(
-    measurements: Sequence[LinearMeasurement], step_variance: FloatArray, start_variance: float
-) -> WalkEquations:
-    """Eliminate the walk, which starts at 0 with `start_variance`; `step_variance` (n - 1,) per part."""
+def walk_equations(measurements: Sequence[LinearMeasurement], step_variance: FloatArray) -> WalkEquations:
+    """Eliminate the walk, which starts from 0; `step_variance` (n,) per part, of the first step too."""
     n = measurements[0].residual.size
-    information = np.zeros((2, n))
-    information[1, 0] = 1.0 / start_variance
+    # Upper bands of the information: real and imaginary parts by turns, steps two above the diagonal.
+    information = np.zeros((3, 2 * n))
     for measurement in measurements:
-        information[1] += np.abs(measurement.gain) ** 2 / measurement.sigma**2
-    steps = 1.0 / np.maximum(step_variance, _LEAST_STEP_VARIANCE / (n * information[1].sum()))
-    information[1, :-1] += steps
-    information[1, 1:] += steps
-    information[0, 1:] = -steps
+        white = measurement.gain / measurement.sigma[:, np.newaxis]
+        information[2] += (np.abs(white) ** 2).ravel()
+        information[1, 1::2] += (np.conj(white[:, 0]) * white[:, 1]).real
+    known = 0.5 * n * float(information[2].sum())
+    steps = 1.0 / np.maximum(step_variance, _LEAST_STEP_VARIANCE / known if known > 0.0 else 0.0)
+    information[2] += np.repeat(steps, 2)
+    information[2, :-2] += np.repeat(steps[1:], 2)
+    information[0, 2:] = -np.repeat(steps[1:], 2)
     # Inner products of whitened residual and columns, and their projection on the walk.
     count = measurements[0].columns(slice(1)).shape[1] + 1
-    gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
+    gram, projected = np.zeros((count, count)), np.zeros((2 * n, count), order="F")
     for measurement in measurements:
-        gain = np.conj(measurement.gain) / measurement.sigma
+        gain = np.conj(measurement.gain) / measurement.sigma[:, np.newaxis]
         for rows in blocks(n):
             white = np.column_stack([measurement.residual[rows], measurement.columns(rows)])
             white /= measurement.sigma[rows, np.newaxis]
             both = np.concatenate([white.real, white.imag])
             gram += both.T @ both
-            white *= gain[rows, np.newaxis]
-            projected[rows, :count] += white.real
-            projected[rows, count:] += white.imag
+            for part in (0, 1):
+                projected[2 * rows.start + part : 2 * rows.stop : 2] += (gain[rows, part, np.newaxis] * white).real
     factor = cholesky_banded(information)
     half, _ = dtbtrs(factor, projected, uplo="U", trans="T", overwrite_b=True)
-    for part in (half[:, :count], half[:, count:]):
-        gram -= part.T @ part
+    gram -= half.T @ half
     answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
-    # The diagonal of the inverse of a tridiagonal matrix: its pivots from both ends meet at each sample.
-    upward, reverse = cholesky_banded(information)[1] ** 2, np.zeros_like(information)
-    reverse[1], reverse[0, 1:] = information[1, ::-1], information[0, :0:-1]
-    downward = cholesky_banded(reverse)[1, ::-1] ** 2
-    return WalkEquations(measurements[-1], answer, 1.0 / (upward + downward - information[1]), gram)
+    # The diagonal of the inverse of a block-tridiagonal matrix: its pivots from both ends meet at each sample.
+    reverse = np.zeros_like(information)
+    reverse[2], reverse[1, 1:], reverse[0, 2:] = information[2, ::-1], information[1, :0:-1], information[0, :1:-1]
+    downward = _pivots(cholesky_banded(reverse))[::-1, ::-1, ::-1]
+    own = np.empty((n, 2, 2))
+    own[:, 0, 0], own[:, 1, 1], own[:, 0, 1] = information[2, 0::2], information[2, 1::2], information[1, 1::2]
+    own[:, 1, 0] = own[:, 0, 1]
+    return WalkEquations(answer, np.asarray(np.linalg.inv(_pivots(factor) + downward - own)), steps, gram)
+
+
+def _pivots(factor: FloatArray) -> FloatArray:
+    """Block pivots (n, 2, 2) of a matrix by the bands of its Cholesky factor (3, 2 n)."""
+    corner = np.zeros((factor.shape[1] // 2, 2, 2))
+    corner[:, 0, 0], corner[:, 0, 1], corner[:, 1, 1] = factor[2, 0::2], factor[1, 1::2], factor[2, 1::2]
+    return np.asarray(np.swapaxes(corner, 1, 2) @ corner)

@@ -33,10 +33,27 @@ def test_a_quiet_flight_is_not_refused() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_an_attitude_that_runs_away_is_refused_with_its_likely_cause() -> None:
+def test_forces_beyond_all_numbers_are_refused() -> None:
     flight = nominal().flight
-    with pytest.raises(UnanswerableError, match="diverges from step to step"):
+    with pytest.raises(UnanswerableError, match="do not belong to one motion"):
         reconstruct(replace(flight, ay=1e150 * flight.ay))
+
+
+@pytest.mark.parametrize(
+    ("changed", "warned"),
+    [
+        ({}, False),
+        ({"ay": -1.0}, True),
+        ({"ax": 9.81, "ay": 9.81, "az": 9.81}, True),
+        ({"ax": 0.1, "ay": 0.1, "az": 0.1}, True),
+        ({"p": 0.0175, "q": 0.0175, "r": 0.0175}, True),
+    ],
+    ids=["sound", "one sign", "in g", "per mille", "degrees"],
+)
+def test_a_force_that_no_motion_explains_is_warned_of(changed: dict[str, float], warned: bool) -> None:
+    flight = nominal().flight
+    found = reconstruct(replace(flight, **{name: factor * getattr(flight, name) for name, factor in changed.items()}))
+    assert any("no motion by these gyros explains" in warning for warning in found.warnings) == warned
 
 
 @pytest.mark.parametrize(("lost", "told"), [(0, False), (8, False), (120, True)])

@@ -9,7 +9,7 @@ noise lets it drift; the globals are gravity, errors of the record and coefficie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,16 +29,17 @@ from brv_hypo.motion.inertial import (
 )
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
-from brv_hypo.motion.motion import effective, unit
-from brv_hypo.motion.reconstruction import NOT_CONVERGED, WindHistory
+from brv_hypo.motion.motion import unit
+from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import (
-    GRAVITY_PARTS,
+    START_PARTS,
     Axes,
-    Drift,
     EffectFit,
     EffectResponses,
     Perturbation,
     corrected,
+    drift_columns,
+    drift_of,
     effect_responses,
     no_responses,
     nonzero_responses,
@@ -49,47 +50,48 @@ from brv_hypo.motion.smoother import (
     BENT,
     Columns,
     LinearMeasurement,
-    LocalScaling,
     MeasurementModel,
     WalkEquations,
+    WalkSolution,
     force_measurement,
     moment_measurement,
     walk_equations,
 )
 
-MOTION_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
-MOTION_CONVERGED = 1e-2  # of the crossflow's standard deviation given the globals, by which the last step changes it
-MOTION_LEAST_RELAXED = 0.1  # of the share before, that is taken of a step
-MOTION_FAR_START = 0.5  # of the speed: a start off the nose's mean by more is not tried
-MOTION_START = 0.3  # of the speed, 1-sigma of the walk at the first sample
+MOTION_MOST_STEPS = 60  # of a search for the motion; bounds the time where it does not converge
+# A search ends where a step would lower the cost by less, the square of what anything moves in standard deviations: at
+# the end, for the motion about which errors are linearised, and where slopes are compared by their scores.
+MOTION_CONVERGED = 1e-3
+MOTION_ROUGH = 0.1
+MOTION_COMPARED = 1.0
+MOTION_DAMPING = 1e-4  # of what the measurements say of each global, by which a step that failed is damped first
+MOTION_DAMPED = 10.0  # times as much damping after a step that failed, and as little after one that succeeded
+MOTION_DAMPING_MOST = 1e6  # with which nothing moves
+MOTION_TRUSTED = 0.25  # of the gain that was predicted: with less a step has failed, with all but this succeeded
+START_DIFFERENCE = 1e-7  # rad, and of gravity's size, in the derivative of the motion by its start
 ROUGH_SLOPE_COUNT = 3  # coefficients of the force's slope before it is chosen: a parabola
 SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of its basis in time that are tried, by BIC
 SLOPE_PATIENCE = 2  # of these that may go by without a gain
 MOMENT_SLOPE_COUNT = 4  # coefficients of the moment's slope while its noise is found
 MOMENT_ANOMALY = 0.1  # of the moment's rms, that is taken for noise at first
 MOMENT_NOISE_ROUNDS = 2  # of its noise
-# Its noise is that of a twelfth of the record (at least so many samples) on either side, correlated to where the
-# correlation has fallen to this.
-MOMENT_WINDOWS = 12
-MOMENT_WINDOW_LEAST = 8
-MOMENT_UNCORRELATED = 0.1
+MOMENT_WINDOWS = 12  # its noise is that of this part of the record on either side
+MOMENT_WINDOW_LEAST = 8  # samples of that part
+MOMENT_UNCORRELATED = 0.1  # to which the noise's correlation falls within its correlation time
 FORCE_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 FORCE_ENOUGH = 0.1  # of alpha's rms: the force alone is enough where alpha is then known to this
 FORCE_FAR_LESS = 0.8  # of what was taken for noise: a slope that leaves less is chosen again
-MOTION_ROUGH = 0.01  # of the crossflow's rms, to which the motion is found about which errors are linearised
-# They are linearised anew about what was found of them, at most so often, and again where that had moved the
-# crossflow by more than this share of its standard deviation.
-MOTION_LINEARISATIONS = 6
-MOTION_MOVED = 0.1
+FORCE_UNEXPLAINED = (0.1, 20.0)  # of its rms, and of its noise: from where no motion explains a force
+MOTION_LINEARISATIONS = 6  # at most, of the errors of the record, each about what was found of them
+MOTION_MOVED = 0.1  # of the crossflow's standard deviation, by which it moves: errors are linearised again
 
-_RAN_AWAY = (
-    "the attitude to the wind diverges from step to step instead of converging: forces and rates of this record do not "
-    "belong to one motion. Likely causes: wrong axes, signs or units, or errors beyond all tolerance. See `brv-hypo "
-    "inspect`, or take `--method rates`, which uses the gyros alone."
+_NO_MOTION = (
+    "forces and rates of this record do not belong to one motion. Likely causes: wrong axes, signs or units. See "
+    "`brv-hypo inspect`, or take `--method rates`, which uses the gyros alone."
 )
 
 Measurements = tuple[MeasurementModel, ...]  # the normal force, and the static moment where that is too little
-StartingPoint = tuple[WindStart, ComplexArray]  # a start and a crossflow (n,) from which a fit may begin
+StartingPoint = tuple[WindStart, ComplexArray, FloatArray | None]  # a start, crossflow (n,) and errors beyond the known
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class SmoothedMotion:
     effects: EffectFit  # the estimated errors of the record
     # change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large
     response: Columns | None
-    walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
+    walk_covariance: FloatArray  # of the crossflow in wind axes given the globals (n, 2, 2)
     turn: ComplexArray  # unit number (n,) from wind to body axes
     score: float  # Bayesian information criterion
     converged: bool  # whether the last step was small enough
@@ -113,7 +115,7 @@ class SmoothedMotion:
     @property
     def near(self) -> StartingPoint:
         """Where another fit may begin."""
-        return self.start, self.crossflow
+        return self.start, self.crossflow, self.effects.value - self.effects.known
 
     @property
     def normal_force(self) -> ComplexArray:
@@ -123,188 +125,230 @@ class SmoothedMotion:
     def sigmas(self) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         assert self.response is not None
-        turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
-        radial, tangential = np.empty((2, turned.size))
+        turned, sigma = self.turn * np.conj(unit(self.crossflow)), np.empty((2, self.turn.size))
+        axes = np.array([[turned.real, -turned.imag], [turned.imag, turned.real]])
         for rows in blocks(turned.size):
-            projected = self.response(rows) * turned[rows]
-            for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
-                sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
-        return radial, tangential
+            projected, walk = self.response(rows) * turned[rows, np.newaxis], self.walk_covariance[rows]
+            for k, part in enumerate((projected.real, projected.imag)):
+                given = np.einsum("in,nij,jn->n", axes[k, :, rows], walk, axes[k, :, rows])
+                sigma[k, rows] = np.sqrt(given + projected_variance(part, self.covariance))
+        return sigma[0], sigma[1]
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """A motion: the nominal one, which gyros and accelerometers alone make of a start, and what is off it."""
+
+    start: WindStart
+    walk: ComplexArray  # transverse velocity that noise makes, in wind axes (n,) m/s
+    axes: Axes
+    turn: ComplexArray  # unit number (n,) from wind to body axes
+    offset: ComplexArray  # the walk and what errors of the record add (n,) m/s
+    crossflow: ComplexArray  # (n,)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where a search is."""
+
+    flow: _Flow
+    errors: FloatArray  # of the record beyond the known ones, in units of their sizes (e,)
+    coefficients: tuple[FloatArray, ...]  # those of each measurement
+    residuals: tuple[ComplexArray, ...]  # of each measurement (n,)
 
 
 class RandomWalkSmoother:
     """The problem of one record; its attributes are what stays the same over measurements and iterations.
 
-    `known` (k,) of the errors of the record are taken out of it already. Iterations also end where the
-    crossflow changes by less than the share `rough` of its rms.
+    `known` (k,) of the errors of the record are taken out of it already.
     """
 
     def __init__(
-        self,
-        record: InertialRecord,
-        responses: EffectResponses | None = None,
-        known: FloatArray | None = None,
-        rough: float = 0.0,
+        self, record: InertialRecord, responses: EffectResponses | None = None, known: FloatArray | None = None
     ) -> None:
-        self.record, self.rough = record, rough
+        self.record = record
         self.responses = no_responses(record) if responses is None else responses
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
-        self.shared = GRAVITY_PARTS + len(self.responses.effects)
+        self.shared = START_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
-        # Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide.
+        # Variance (n,) (m/s)^2 per part of the walk's steps from 0: instruments' noise, and what gaps hide.
         step, measured = record.flight.step, record.measured
         speed = 0.5 * (self.speed[1:] + self.speed[:-1])
         variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
         hidden = ~(measured[1:] & measured[:-1])
         rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[measured]) ** 2)))
         length = max(int(np.count_nonzero(hidden)), 1) * step
-        self.step_variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
+        variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
+        self.step_variance = np.append(variance[0], variance)
         self.nose_start = start_from_nose(record)
 
-    def solve(self, measurements: Measurements, near: StartingPoint | None = None) -> SmoothedMotion:
-        """Fit from a motion that is near; else the best from the nose's mean and from linear fits about that."""
-        if near is not None:
-            return self._iterate(measurements, *near)
-        starts = [self.nose_start, *map(self._linear_start, measurements)]
-        fits = [self._iterate(measurements, start) for start in starts if start is not None]
-        return min(fits, key=lambda fit: fit.score)
+    def force_at_start(self) -> ComplexArray:
+        """The transverse force (n,) m/s^2 that explains the measured one best from the nose's mean."""
+        force = force_measurement(self.record, self.responses)
+        xi = body_crossflow(self.record, wind_direction(self.record, self.nose_start))
+        return force.modelled(xi, _first_coefficients(force, xi))
 
-    def _linear_start(self, measurement: MeasurementModel) -> WindStart | None:
-        """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
-        direction = wind_direction(self.record, self.nose_start)
-        xi = body_crossflow(self.record, direction)
-        turn = wind_to_body(self.record, direction)
-        valid = np.isfinite(measurement.sigma)
-        weight = 1.0 / measurement.sigma[valid]
-        turned = measurement.scale * turn
-        columns = np.column_stack(
-            [measurement.scale * effective(xi), turned, turned * self.record.time, np.ones_like(xi)]
-        )
-        answer = np.linalg.lstsq(columns[valid] * weight[:, None], measurement.observed[valid] * weight, rcond=None)[0]
-        offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
-        if not abs(offset) < MOTION_FAR_START:
-            return None
-        return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
-
-    def _iterate(
-        self, measurements: Measurements, start: WindStart, crossflow: ComplexArray | None = None
+    def solve(
+        self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
     ) -> SmoothedMotion:
-        """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
-        if crossflow is None:
-            crossflow = body_crossflow(self.record, wind_direction(self.record, start))
-        coefficients: tuple[FloatArray, ...] = ()
-        share, last, equations, converged = 1.0, None, None, False
+        """Levenberg and Marquardt's search from a motion that is near; else from the nose's mean.
+
+        (Marquardt, J. SIAM 11:431, 1963.) A step that does not lower the cost is tried again with the globals kept
+        nearer. The search ends where a whole step would lower the cost by less than `enough`.
+        """
+        start, crossflow, errors = near or (self.nose_start, None, None)
+        errors = np.zeros(self.known.size) if errors is None else errors
+        flow = self._flow(start, np.zeros_like(self.speed, dtype=complex), errors)
+        walk = flow.walk if crossflow is None else (crossflow - flow.crossflow) * np.conj(flow.turn) * self.speed
+        point, damping, converged = self._point(measurements, start, walk, errors), 0.0, False
         for _ in range(MOTION_MOST_STEPS):
-            direction = wind_direction(self.record, start)
-            axes = transverse_axes(direction)
-            nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
-            xi = crossflow
-            coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
-            drift = Drift(self.record, self.responses, axes)
-            equations = None  # large, and about to be replaced
-            offset = (xi - nominal) * np.conj(turn)
-            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
-            solution = equations.solve(*self._priors(measurements, coefficients, start))
-            shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
-            step = nominal + turn * shift - xi
-            if not np.all(np.isfinite(step)):
-                raise UnanswerableError(_RAN_AWAY)
-            share, last = share if last is None else relaxed(share, last, step), step
-            crossflow = np.asarray(xi + share * step)
-            gravity = share * solution.theta[:GRAVITY_PARTS]
-            start = _moved(start, axes, share * solution.walk[0] / self.speed[0], gravity)
-            ends = np.cumsum([values.size for values in coefficients])[:-1]
-            steps = np.split(share * solution.theta[self.shared :], ends)
-            coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
-            walk_sigma = np.sqrt(equations.walk_variance) / self.speed
-            converged = bool(np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))))
+            drift = self._drift(point)
+            equations, (mean, information) = self._linear(measurements, point, drift), self._priors(measurements, point)
+            here = np.concatenate([np.zeros(START_PARTS), point.errors, np.zeros(mean.size - self.shared)])
+            cost = self._cost(measurements, point, equations, information)
+            solution, turn = equations.solve(mean, information), point.flow.turn
+            if not np.isfinite(cost + solution.cost):
+                raise UnanswerableError(_NO_MOTION)
+            converged = cost - solution.cost < enough
             if converged:
                 break
-        assert equations is not None
-        final = equations
+            gained = 0.0
+            while gained <= 0.0 and damping < MOTION_DAMPING_MOST:
+                damped = equations.solve(mean, information, damping, here) if damping > 0.0 else solution
+                with np.errstate(over="ignore", invalid="ignore"):
+                    moved = self._moved(measurements, point, damped)
+                    change = cost - self._cost(measurements, moved, equations, information)
+                gained = np.nan_to_num(change / (cost - damped.cost), nan=-1.0)
+                if gained < MOTION_TRUSTED:
+                    damping = max(damping * MOTION_DAMPED, MOTION_DAMPING)
+            if gained <= 0.0:
+                break
+            point = moved
+            if gained > 1.0 - MOTION_TRUSTED:
+                damping = damping / MOTION_DAMPED if damping > MOTION_DAMPING else 0.0
         observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
-        errors = slice(GRAVITY_PARTS, self.shared)
-        left = equations.residual(solution)
+        own = slice(START_PARTS, self.shared)
+        value, covariance = self.known + point.errors, solution.covariance[own, own]
 
         def response(rows: slice) -> ComplexArray:
-            moved, out = drift[rows], final.sensitivity(rows)
+            moved, out = drift(rows), equations.sensitivity(rows)
             out[:, : moved.shape[1]] += moved
             out /= self.speed[rows, np.newaxis]
             return out
 
-        value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
             measurements=measurements,
-            start=start,
-            coefficients=coefficients,
-            crossflow=crossflow,
-            residual=left if scaling is None else scaling.back(left),
+            start=point.flow.start,
+            coefficients=point.coefficients,
+            crossflow=point.flow.crossflow,
+            residual=point.residuals[-1],
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, covariance),
             response=response,
-            walk_sigma=walk_sigma,
+            walk_covariance=equations.walk_covariance / self.speed[:, np.newaxis, np.newaxis] ** 2,
             turn=turn,
-            score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
+            score=cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
             converged=converged,
         )
 
-    def _linear(
+    def _point(
         self,
-        measurements: Sequence[MeasurementModel],
-        coefficients: Sequence[FloatArray],
-        xi: ComplexArray,
-        turn: ComplexArray,
-        offset: ComplexArray,
-        drift: Drift,
-    ) -> tuple[WalkEquations, LocalScaling | None]:
-        """The linear problem about the crossflow `xi`, `offset` from the nominal one; the scaling of the last."""
-        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
+        measurements: Measurements,
+        start: WindStart,
+        walk: ComplexArray,
+        errors: FloatArray,
+        coefficients: tuple[FloatArray, ...] = (),
+    ) -> _Point:
+        """A motion with these coefficients; without any, with those that fit it best."""
+        flow = self._flow(start, walk, errors)
+        coefficients = coefficients or tuple(_first_coefficients(each, flow.crossflow) for each in measurements)
+        residuals = tuple(
+            each.residual(flow.crossflow, values, errors)
+            for each, values in zip(measurements, coefficients, strict=True)
+        )
+        return _Point(flow, errors, coefficients, residuals)
 
-        def linear(
-            measurement: MeasurementModel, values: FloatArray, first: int
-        ) -> tuple[LinearMeasurement, LocalScaling | None]:
-            own, sigma, modelled = measurement.columns(xi), measurement.sigma, measurement.modelled(xi, values)
-            residual = measurement.observed - own @ values
-            slope = measurement.gain(xi, values) * turn
-            gain = slope / self.speed
-            scaling = measurement.local_scaling(xi, values)
-            if scaling is not None:
-                residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
+    def _flow(self, start: WindStart, walk: ComplexArray, errors: FloatArray) -> _Flow:
+        direction = wind_direction(self.record, start)
+        axes, turn = transverse_axes(direction), wind_to_body(self.record, direction)
+        offset = walk + drift_of(self.responses, axes, errors)
+        xi = body_crossflow(self.record, direction) + turn * offset / self.speed
+        return _Flow(start, walk, axes, turn, offset, np.asarray(xi))
+
+    def _moved(self, measurements: Measurements, point: _Point, solution: WalkSolution) -> _Point:
+        """Where a step leads."""
+        theta, ends = solution.theta, np.cumsum([values.size for values in point.coefficients])[:-1]
+        steps = np.split(theta[self.shared :], ends)
+        coefficients = tuple(old + new for old, new in zip(point.coefficients, steps, strict=True))
+        start = _turned(point.flow.start, point.flow.axes, complex(*theta[:2]), theta[2:START_PARTS])
+        return self._point(measurements, start, solution.walk, theta[START_PARTS : self.shared], coefficients)
+
+    def _drift(self, point: _Point) -> Columns:
+        """Transverse velocity by each global, of the start by differences."""
+        flow = point.flow
+        parts = np.empty((self.speed.size, START_PARTS), dtype=complex)
+        size = START_DIFFERENCE * np.array([1.0, 1.0, *np.full(3, gravity_size(self.record.flight))])
+        for k, step in enumerate(np.diag(size)):
+            start = _turned(flow.start, flow.axes, complex(*step[:2]), step[2:])
+            change = self._flow(start, flow.walk, point.errors).crossflow - flow.crossflow
+            parts[:, k] = change * np.conj(flow.turn) * self.speed / size[k]
+        return drift_columns(self.responses, flow.axes, parts)
+
+    def _cost(
+        self, measurements: Measurements, point: _Point, equations: WalkEquations, information: FloatArray
+    ) -> float:
+        """Minus twice the log of likelihood times prior, with these priors; infinite where no flow can be."""
+        if not np.max(np.abs(point.flow.crossflow)) < 1.0:
+            return np.inf
+        steps = np.diff(point.flow.walk, prepend=0.0)
+        cost = float(equations.step_information @ (steps * np.conj(steps)).real)
+        known = np.concatenate([np.zeros(2), point.flow.start.gravity, self.known + point.errors, *point.coefficients])
+        cost += float(information @ known**2)
+        for measurement, residual in zip(measurements, point.residuals, strict=True):
+            cost += float(np.sum(np.abs(residual / measurement.sigma) ** 2))
+        return cost
+
+    def _linear(self, measurements: Measurements, point: _Point, drift: Columns) -> WalkEquations:
+        """The linear problem about a point."""
+        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
+        xi = point.flow.crossflow
+
+        def linear(measurement: MeasurementModel, values: FloatArray, first: int) -> LinearMeasurement:
+            scaled = measurement.with_errors(point.errors)
+            own, modelled = scaled.columns(xi), measurement.modelled(xi, values)
+            gain = scaled.gain(xi, values, point.flow.turn) / self.speed[:, np.newaxis]
 
             def columns(rows: slice) -> ComplexArray:
-                here, moved = own[rows], drift[rows]
+                here, moved = own[rows], drift(rows)
                 out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
-                errors, shared = out[:, GRAVITY_PARTS : self.shared], out[:, : self.shared]
+                errors, shared = out[:, START_PARTS : self.shared], out[:, : self.shared]
                 # What they add to the observation less what the model makes of it. An error of the scale is at every
                 # crossflow what the slope would be: only its prior parts the two.
                 errors += measurement.kept.all_of(measurement.effects, rows)
                 if measurement.factors is not None:
                     errors -= measurement.kept.all_of(measurement.factors, rows) * modelled[rows, np.newaxis]
-                if scaling is not None:
-                    errors[:] = scaling.of(errors, rows)
-                shared += gain[rows, np.newaxis] * moved
+                shared += gain[rows, :1] * moved.real + gain[rows, 1:] * moved.imag
                 out[:, first : first + here.shape[1]] = here
                 return out
 
-            return LinearMeasurement(residual + slope * offset, gain, columns, sigma), scaling
+            residual = measurement.observed - measurement.columns(xi) @ values
+            residual += gain[:, 0] * point.flow.offset.real + gain[:, 1] * point.flow.offset.imag
+            return LinearMeasurement(residual, gain, columns, measurement.sigma)
 
         each = [
             linear(measurement, values, int(first))
-            for measurement, values, first in zip(measurements, coefficients, ends, strict=False)
+            for measurement, values, first in zip(measurements, point.coefficients, ends, strict=False)
         ]
-        variance = (MOTION_START * self.speed[0]) ** 2
-        return walk_equations([one for one, _ in each], self.step_variance, variance), each[-1][1]
+        return walk_equations(each, self.step_variance)
 
-    def _priors(
-        self, measurements: Sequence[MeasurementModel], coefficients: Sequence[FloatArray], start: WindStart
-    ) -> tuple[FloatArray, FloatArray]:
-        """Mean and information of the globals, those of gravity and of the measurements counted from the nominal."""
-        mean = -np.concatenate([start.gravity, self.known, *coefficients])
+    def _priors(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
+        """Mean and information of the globals, those of start, gravity and measurements counted from the point."""
+        mean = -np.concatenate([np.zeros(2), point.flow.start.gravity, self.known, *point.coefficients])
         information = np.zeros(mean.size)
-        information[:GRAVITY_PARTS] = 1.0 / gravity_size(self.record.flight) ** 2
-        information[GRAVITY_PARTS : self.shared] = 1.0
+        information[2:START_PARTS] = 1.0 / gravity_size(self.record.flight) ** 2
+        information[START_PARTS : self.shared] = 1.0
         at = self.shared
-        for measurement, values in zip(measurements, coefficients, strict=True):
+        for measurement, values in zip(measurements, point.coefficients, strict=True):
             if measurement.bends:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
                 information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
@@ -322,21 +366,10 @@ def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> Floa
     return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
 
-def _moved(start: WindStart, axes: Axes, offset: complex, gravity: FloatArray) -> WindStart:
+def _turned(start: WindStart, axes: Axes, offset: complex, gravity: FloatArray) -> WindStart:
     second, third = axes
     moved = start.direction + second[0] * offset.real + third[0] * offset.imag
     return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
-
-
-def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
-    """The share of a step to take, from what the last share left of the last one.
-
-    Aitken's relaxation of vectors (Irons and Tuck, Int. J. Numer. Meth. Eng. 1:275, 1969): where angles are large full
-    steps overshoot, by much the same factor each time.
-    """
-    change = step - before
-    fall = -float(np.vdot(change, before).real)
-    return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
 
 
 # ---- The method: which measurements, with what slopes and noise ----
@@ -354,15 +387,14 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
         problem, near, left, converged = _linearised(record, config, perturbations)
     fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
     alone = _relative_error(fit, problem.record.measured)
-    warnings: tuple[str, ...] = ()
+    warnings = tuple(_unexplained(problem.record, fit.normal_force))
     if alone > FORCE_ENOUGH:
         fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
-        warnings = (
+        warnings += (
             f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment "
             "was used to measure the attitude to the wind as well. Better accelerometers or a window of "
             "higher dynamic pressure would do without it",
         )
-    warnings = warnings if fit.converged and converged else (*warnings, NOT_CONVERGED)
     radial, tangential = fit.sigmas()
     force, coefficients = fit.measurements[0], fit.coefficients[0]
     return WindHistory(
@@ -376,7 +408,20 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
         accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
         effects=fit.effects,
         warnings=warnings,
+        converged=fit.converged and converged,
     )
+
+
+def _unexplained(record: InertialRecord, force: ComplexArray) -> Iterator[str]:
+    """A warning where the motion does not explain the measured transverse force, and noise does not either."""
+    residual, noise = (record.transverse_force - force)[record.measured], _left(record, force)
+    share = rms(residual) / max(rms(record.transverse_force[record.measured]), 1e-150)
+    if share >= FORCE_UNEXPLAINED[0] and noise >= FORCE_UNEXPLAINED[1]:
+        yield (
+            f"no motion by these gyros explains {100.0 * share:.0f} % of the transverse force (rms), {noise:.0f} times "
+            "its noise: units, axes or signs of gyros or accelerometers, or a wrong speed, are likely; see `brv-hypo "
+            "inspect`"
+        )
 
 
 def _linearised(
@@ -388,16 +433,22 @@ def _linearised(
     The noise of the force is that of the residual before: with its own noise from the start, errors of the record would
     be estimated at tens of tolerances, from where no step leads back.
     """
-    flight = record.flight
-    fit = _rough_fit(RandomWalkSmoother(record, rough=MOTION_ROUGH), None)
-    force, near = fit.normal_force, fit.near
-    del fit  # large, like the responses: only the last are kept
+    flight, problem = record.flight, RandomWalkSmoother(record)
+    # Noise that is understated would pay for gravity of any size: at first it is all that the start does not explain.
+    force, near = problem.force_at_start(), None
+    left, before = _left(record, force), np.inf
+    while left < FORCE_FAR_LESS * before:
+        fit = _rough_fit(problem, near, left)
+        force, near, before = fit.normal_force, (*fit.near[:2], None), left
+        left = _left(record, force)
+        del fit  # large, like the responses: only the last are kept
+    assert near is not None
     responses = nonzero_responses(effect_responses(record, near[1], force, perturbations))
-    known, left = np.zeros(len(responses.effects)), _left(record, force)
+    known = np.zeros(len(responses.effects))
     for _ in range(MOTION_LINEARISATIONS):
-        before, effects = near[1], responses.effects
-        fit = _rough_fit(RandomWalkSmoother(record, responses, known, MOTION_ROUGH), near, left)
-        moved, near = rms(fit.crossflow - before) / rms(np.hypot(*fit.sigmas())), fit.near
+        old, effects = near[1], responses.effects
+        fit = _rough_fit(RandomWalkSmoother(record, responses, known), near, left)
+        moved, near = rms(fit.crossflow - old) / rms(np.hypot(*fit.sigmas())), (*fit.near[:2], None)
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = fit.normal_force
@@ -416,10 +467,10 @@ def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_fa
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
-    fit = problem.solve((force,), near)
+    fit = problem.solve((force,), near, MOTION_ROUGH)
     if _relative_error(fit, record.measured) < FORCE_ENOUGH:
         return fit
-    return problem.solve((force, _with_anomalies(moment_measurement(record, responses))))
+    return problem.solve((force, _with_anomalies(moment_measurement(record, responses))), enough=MOTION_ROUGH)
 
 
 def _with_force(
@@ -471,7 +522,7 @@ def _choose_slope(
     time, bends = problem.record.time, not measurement.complex_slope
 
     def fitted(last: MeasurementModel, near: StartingPoint | None) -> SmoothedMotion:
-        return replace(problem.solve((*others, last), near), response=None)
+        return replace(problem.solve((*others, last), near, MOTION_COMPARED), response=None)
 
     best, worse = fitted(replace(measurement.with_slope_count(time, 1), bends=bends), near), 0
     for count in SLOPE_COUNTS[1:]:

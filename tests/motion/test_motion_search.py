@@ -1,0 +1,70 @@
+"""The search for the motion: its derivatives, and records on which whole steps fail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from brv_hypo.importing import bring_in
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.motion.interpolation import DecimatedGrid
+from brv_hypo.motion.methods.joint import RandomWalkSmoother
+from brv_hypo.motion.signals import rms
+from brv_hypo.motion.smoother import MeasurementModel, slope_basis
+from brv_hypo.simulation import load_config, simulate
+from tests.shared_data import shared_file
+
+
+@given(
+    seed=st.integers(0, 2**31), size=st.floats(1e-6, 0.9), bends=st.booleans(), shift=st.sampled_from([1, 1j, 1 + 1j])
+)
+def test_gain_is_the_derivative_of_the_model(seed: int, size: float, bends: bool, shift: complex) -> None:
+    rng, n = np.random.default_rng(seed), 6
+    scale, angles = rng.standard_normal((n, 2)) @ [1.0, 1j], np.exp(1j * rng.uniform(0.0, 6.0, (2, n)))
+    empty = np.zeros((n, 0), dtype=complex)
+    model = MeasurementModel(
+        observed=scale,
+        scale=scale,
+        slope_basis=slope_basis(np.arange(n) * 0.1, 3),
+        nuisance=empty,
+        kept=DecimatedGrid(np.arange(n)),
+        effects=empty,
+        factors=None,
+        sigma=np.ones(n),
+        complex_slope=not bends,
+        bends=bends,
+    )
+    xi, step, coefficients = size * angles[0], 1e-6 * size, rng.standard_normal(model.unknowns)
+    more, less = (model.modelled(xi + sign * step * shift * angles[1], coefficients) for sign in (1.0, -1.0))
+    gain = model.gain(xi, coefficients, angles[1]) @ [shift.real, shift.imag]
+    np.testing.assert_allclose((more - less) / (2.0 * step), gain, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.thorough
+def test_a_motion_of_large_angles_is_found_in_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alpha reaches 35 deg."""
+    steps: list[int] = []
+    usual = RandomWalkSmoother._linear
+
+    def counted(self: RandomWalkSmoother, *arguments: object) -> object:
+        steps.append(1)
+        return usual(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(RandomWalkSmoother, "_linear", counted)
+    motion = reconstruct(simulate(load_config("demo"), seed=150006, plant=("sticking",)).flight).motion
+    assert np.degrees(np.max(motion.alpha)) > 30.0
+    assert len(steps) < 50
+
+
+@pytest.mark.thorough
+def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> None:
+    """Weak forces and gravity that hardly shows: whole steps overshoot on this record, and found other motions."""
+    flight = bring_in(shared_file("data/jackpot4/log.csv"), shared_file("data/jackpot4/map.yaml")).flight
+    found = [reconstruct(replace(flight, q=flight.q * turned)) for turned in (1.0, 1.0 + 1e-13, 1.0 - 1e-12)]
+    assert all(each.converged for each in found)
+    for each in found[1:]:
+        assert rms(each.motion.alpha - found[0].motion.alpha) < 0.2 * rms(found[0].alpha_sigma)
