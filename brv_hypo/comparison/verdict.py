@@ -196,8 +196,8 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
         but = f"with {leader.impossible}"
     elif not fit.adequate:
         but = (
-            f"beside all processes its residual is {fit.noise:.2f} times the record's noise, more than {name} "
-            "explains. Check the tolerances that are stated (--instruments)"
+            f"beside all processes its residual is {fit.noise:.2f} times the record's noise. Check the tolerances that "
+            "are stated (--instruments)"
         )
     else:
         best, fits = max(outside, key=lambda candidate: candidate.level), "fits best of them"

@@ -106,7 +106,7 @@ class PropagatedMotion:
         """That of a reconstruction."""
         direction = wind_direction(record, reconstruction.start)
         offset = reconstruction.crossflow - body_crossflow(record, direction)
-        return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, direction))))
+        return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, transverse_axes(direction)))))
 
     def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
         """The motion without what a fit about it found too much, by (MOTION, name)."""
@@ -124,7 +124,7 @@ class PropagatedMotion:
     def crossflow(self, record: InertialRecord) -> ComplexArray:
         """The crossflow (n,) of a record that moves so."""
         direction = wind_direction(record, self.start)
-        return body_crossflow(record, direction) + wind_to_body(record, direction) * self.walk
+        return body_crossflow(record, direction) + wind_to_body(record, transverse_axes(direction)) * self.walk
 
 
 def linearisation_point(
@@ -299,7 +299,7 @@ class LinearisedFlight:
 
         The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
         """
-        turn = wind_to_body(self.record, wind_direction(self.record, self.reconstruction.start))
+        turn = wind_to_body(self.record, transverse_axes(wind_direction(self.record, self.reconstruction.start)))
         walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
         weights = np.linalg.lstsq(walk, PropagatedMotion.of(self.record, self.reconstruction).walk, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)

@@ -97,14 +97,14 @@ class Derived:
     def polar(
         cls, size: str, angle: str, pair: tuple[float, float], covariance: FloatArray, sense: float = 1.0
     ) -> tuple[Derived, ...]:
-        """Size and direction (rad, counted in `sense`) of a pair, to first order in its covariance (2, 2)."""
+        """Size and direction (rad, in `sense`, at worst unknown) of a pair, to first order in its covariance (2, 2)."""
         x, y = pair
         length = float(np.hypot(x, y))
         if length == 0.0:
             return ()
         axes = np.array([[x, y], [-y, x]]) / length
         along, across = np.sqrt(np.einsum("ij,jk,ik->i", axes, covariance, axes)).tolist()
-        turned = cls(angle, float(np.arctan2(sense * y, x)), across / length, "rad")
+        turned = cls(angle, float(np.arctan2(sense * y, x)), min(across / length, np.pi / np.sqrt(3.0)), "rad")
         return cls(size, length, along, "1"), turned
 
 

@@ -29,6 +29,7 @@ from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, di
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
+FAR_OFF_AXIS = 0.9  # cosine to an axis, beyond which axes across are built on the next
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {
@@ -289,9 +290,9 @@ def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArra
 
 
 def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn."""
+    """Two axes (n, 3) across the velocity, carried along by the smallest turn; a start that moves turns them little."""
     first = direction[0]
-    helper = np.eye(3)[int(np.argmin(np.abs(first)))]
+    helper = np.eye(3)[1 if abs(first[1]) < FAR_OFF_AXIS else 2]
     third = np.cross(first, helper)
     third /= np.linalg.norm(third)
     second = np.cross(third, first)
@@ -301,9 +302,9 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     return second, third
 
 
-def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
-    """Unit number (n,) that turns a transverse pair from wind axes, of a velocity direction (n, 3), into body axes."""
-    second, third = (record.to_body(axis) for axis in transverse_axes(direction))
+def wind_to_body(record: InertialRecord, axes: tuple[FloatArray, FloatArray]) -> ComplexArray:
+    """Unit number (n,) that turns a transverse pair from wind axes, these `transverse_axes`, into body axes."""
+    second, third = (record.to_body(axis) for axis in axes)
     return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.linearisation.response import linearisation_point, walk_sines
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.inertial import body_crossflow, wind_direction, wind_to_body
+from brv_hypo.motion.inertial import body_crossflow, transverse_axes, wind_direction, wind_to_body
 from brv_hypo.motion.responses import perturbed
 from tests.chains import prepared, reconstructed
 
@@ -20,7 +20,7 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
     record, point = linearisation_point(reconstructed(), ReconstructionConfig())
     start = point.start
     direction = wind_direction(record, start)
-    turn = wind_to_body(record, direction)
+    turn = wind_to_body(record, transverse_axes(direction))
     walk, noise = (each[:, order] for each in walk_sines(record, order + 1))
     noise = 1j * turn * noise
     (noisy,) = perturbed(

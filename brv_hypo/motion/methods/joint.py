@@ -270,7 +270,8 @@ class RandomWalkSmoother:
 
     def _flow(self, start: WindStart, walk: ComplexArray, errors: FloatArray) -> _Flow:
         direction = wind_direction(self.record, start)
-        axes, turn = transverse_axes(direction), wind_to_body(self.record, direction)
+        axes = transverse_axes(direction)
+        turn = wind_to_body(self.record, axes)
         offset = walk + drift_of(self.responses, axes, errors)
         xi = body_crossflow(self.record, direction) + turn * offset / self.speed
         return _Flow(start, walk, axes, turn, offset, np.asarray(xi))
@@ -387,7 +388,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
         problem, near, left, converged = _linearised(record, config, perturbations)
     fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
     alone = _relative_error(fit, problem.record.measured)
-    warnings = tuple(_unexplained(problem.record, fit.normal_force))
+    warnings = tuple(_unexplained(problem.record, fit.residual))
     if alone > FORCE_ENOUGH:
         fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
         warnings += (
@@ -412,10 +413,10 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     )
 
 
-def _unexplained(record: InertialRecord, force: ComplexArray) -> Iterator[str]:
+def _unexplained(record: InertialRecord, residual: ComplexArray) -> Iterator[str]:
     """A warning where the motion does not explain the measured transverse force, and noise does not either."""
-    residual, noise = (record.transverse_force - force)[record.measured], _left(record, force)
-    share = rms(residual) / max(rms(record.transverse_force[record.measured]), 1e-150)
+    noise = _misfit(residual[record.measured], record.force_sigma[record.measured])
+    share = rms(residual[record.measured]) / max(rms(record.transverse_force[record.measured]), 1e-150)
     if share >= FORCE_UNEXPLAINED[0] and noise >= FORCE_UNEXPLAINED[1]:
         yield (
             f"no motion by these gyros explains {100.0 * share:.0f} % of the transverse force (rms), {noise:.0f} times "
@@ -460,10 +461,8 @@ def _linearised(
     return RandomWalkSmoother(record, responses, known), near, left, converged
 
 
-def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float = 1.0) -> SmoothedMotion:
-    """A fit with simple slopes, of the force alone where it says enough; its noise louder, as what slopes lack is in
-    it.
-    """
+def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float) -> SmoothedMotion:
+    """A fit with simple slopes, of the force alone where it says enough; its noise louder by what slopes lack."""
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
@@ -526,7 +525,7 @@ def _choose_slope(
 
     best, worse = fitted(replace(measurement.with_slope_count(time, 1), bends=bends), near), 0
     for count in SLOPE_COUNTS[1:]:
-        fit = fitted(best.measurements[-1].with_slope_count(time, count), best.near)
+        fit = fitted(best.measurements[-1].with_slope_count(time, count), near or best.near)
         best, worse = (fit, 0) if fit.score < best.score else (best, worse + 1)
         if worse == SLOPE_PATIENCE:
             break
