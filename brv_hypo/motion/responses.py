@@ -49,20 +49,20 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
 
     One after the other they would act on each other too: by which axis comes first, and so by how the axes are rolled.
     """
-    out = flight
+    changed: dict[str, Any] = {}
     for variant in variants:
-        changed: dict[str, Any] = {}
         for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
-            before, other, known = (getattr(each, name) for each in (flight, variant, out))
+            before, other = getattr(flight, name), getattr(variant, name)
             if other is not before:
                 # A wind that was not known was none.
-                changed[name] = other if known is before else known + (other if before is None else other - before)
+                known = changed.get(name, before)
+                changed[name] = other if known is before else known + (other - (0.0 if before is None else before))
         if variant.vehicle is not flight.vehicle:
-            before, other, known = (np.hstack(astuple(each.vehicle)) for each in (flight, variant, out))
+            known = changed.get("vehicle", flight.vehicle)
+            before, other, known = (np.hstack(astuple(each)) for each in (flight.vehicle, variant.vehicle, known))
             mass, ixx, iyy, length, area, x, y, z = (known + (other - before)).tolist()
             changed["vehicle"] = Vehicle(mass, ixx, iyy, length, area, (x, y, z))
-        out = replace(out, **changed)
-    return out
+    return replace(flight, **changed)
 
 
 def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:

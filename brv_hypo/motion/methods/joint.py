@@ -454,10 +454,11 @@ def _linearised(
         record = inertial_record(corrected(flight, fit.effects), config)
         force = fit.normal_force
         left, converged = _left(record, force), fit.converged
-        del fit, responses
-        responses = effect_responses(record, near[1], force, effects)
+        del fit
         if moved < MOTION_MOVED:
             break
+        del responses
+        responses = effect_responses(record, near[1], force, effects)
     return RandomWalkSmoother(record, responses, known), near, left, converged
 
 
