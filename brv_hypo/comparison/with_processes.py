@@ -47,6 +47,8 @@ WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
+CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow, where the level falls by more
+INCONSISTENT = 20.0  # nats
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
@@ -68,7 +70,7 @@ def in_one_region(
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.beside_small) if null.has_large_processes else (null,)
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
-    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=least)]
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -213,15 +215,15 @@ def acting(
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
     starts: Sequence[Evidence] = (),
-    least: float = -math.inf,
+    least: tuple[float, float] = (-math.inf, math.inf),
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
 
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
     delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
-    processes a short region about one end may explain as much as the whole one with its onset. What is below `least`
-    stays where it was placed.
+    processes a short region about one end may explain as much as the whole one with its onset. What is below the
+    `least`, and would be below the other with all that it explains in a linear problem too, stays where it was placed.
     """
     times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets)
     beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
@@ -230,8 +232,8 @@ def acting(
     for k, (mechanism, shape, null) in enumerate(beside):
         if where[k] not in where[:k]:
             own = replace(like, name=mechanism.name, mechanisms=(mechanism,))
-            wide = max(least, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
-            pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (least, wide)))
+            wide = max(least[0], null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
+            pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (*least, wide)))
     return pairs
 
 
@@ -290,10 +292,11 @@ def _between(
     best: Shape,
     times: FloatArray,
     starts: Sequence[Evidence],
-    least: tuple[float, float],
+    least: tuple[float, float, float],
 ) -> Pair:
     """A mechanism acting in a region between some times, its ends placed between those beside the first of `starts`,
-    and moved; with onsets of other widths too. Where it is less likely than the `least` for either, that is not tried.
+    and moved; with onsets of other widths too. Where it is less likely than the first and last of `least`, that is not
+    tried; `acting` has the other.
     """
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
@@ -309,10 +312,11 @@ def _between(
         return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts[1:])
 
     pair = placed(best)
-    if level(pair) < least[0]:
+    # An edge or a delay a little off costs a strong mechanism more than the best has.
+    if level(pair) < least[0] and level(pair) + 0.5 * best.peak < least[1]:
         return pair
     pair = moved(problem, pair)
-    if best.width == 0.0 or level(pair) < least[1]:
+    if best.width == 0.0 or level(pair) < least[2]:
         return pair
     # Onsets of other widths, of which the grid has few: in an oscillating moment there are several optima.
     other = widened(problem, moved(problem, placed(replace(best, width=0.0))))
@@ -329,8 +333,14 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pa
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:
         return fit, own
-    fit = _with_values_of(fit, own)
-    return fit, with_amplitudes(rows, rows.terms(fit), own.at)
+    pairs: list[Pair] = []
+    for _ in range(CONSISTENT_ROUNDS):
+        fit = _with_values_of(fit, own)
+        pairs.append((fit, with_amplitudes(rows, rows.terms(fit), own.at)))
+        if level(pairs[-1]) > own.level - INCONSISTENT:
+            break
+        own = maximised(rows, rows.terms(fit), own.at, *starts)  # what lags follows another static moment
+    return likelier(pairs)
 
 
 def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:

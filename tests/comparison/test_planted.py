@@ -135,3 +135,16 @@ def test_two_mechanisms_at_two_times_are_named_by_their_sum_and_neither_alone() 
     true = {"eps": 0.6, **C_B}
     for each in (*first.values[:1], *(value for value in last.values if value.name in C_B)):
         assert abs(each.value - true[each.name]) < 4.0 * each.std_error
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [73003, 73005])
+def test_a_lag_of_a_fifth_of_the_moment_is_found_where_it_acts(seed: int) -> None:
+    """The search without processes has it from the start of the record on, and its static moment is another then."""
+    start = {"alpha": 0.03, "windward_meridian": 2.0, "roll_rate": 10.0, "coning_rate": 5.2}
+    lag = {"mechanism": "lag", "theta": {"delay": 0.04}, "terms": {"lag fraction": 0.7}, "start": 2.6, "stop": 4.4}
+    flight = simulate("research_cone", seed=seed, start=start, mechanisms=[lag], instruments={"draw": 1.0}).flight
+    found = compare([flight], CompareConfig(maximum_likelihood="none"))
+    assert found.verdict.winner == "lag"
+    begin, end = found.ranking[0].acting[0].start_s, found.ranking[0].acting[-1].stop_s
+    assert (begin, end) == pytest.approx((2.6, 4.4), abs=0.01)
