@@ -17,7 +17,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
-from brv_hypo.comparison.limits import regions, scale_variance
+from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Settings, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
@@ -38,7 +38,7 @@ from brv_hypo.comparison.with_processes import (
     with_its_evidence,
 )
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
-from brv_hypo.inference.derivatives import as_planted, moment_of_process, with_processes
+from brv_hypo.inference.derivatives import as_planted, moment_of_process, scale_variance, with_processes
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     SEARCH_OUT_OF_REACH,

@@ -14,12 +14,11 @@ from scipy.stats import chi2
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
+from brv_hypo.inference.derivatives import scale_variance
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
-from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -167,25 +166,6 @@ def _fitted(
     sizes *= 1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)
     own = float(np.sqrt(np.mean(np.abs(made @ at_mode) ** 2)))
     return own, float(np.std(sizes)), float(np.quantile(sizes, LIMIT_QUANTILE))
-
-
-def scale_variance(problem: Problem) -> float:
-    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
-
-    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
-    """
-    effects = {effect.name: effect for effect in nuisance_effects()}
-    flights = [record.flight for record in problem.records]
-    found = 0.0
-    for item in problem.rows.nuisances.items:
-        if item.name in effects and np.isfinite(item.present):
-            acting = flights if item.flight is None else [flights[item.flight]]
-            moved = [effects[item.name].perturb(flight, item.component, item.size) for flight in acting]
-            there, own = (
-                [float(np.mean(each.vehicle.iyy / each.dynamic_pressure)) for each in some] for some in (moved, acting)
-            )
-            found += (sum(a / b - 1.0 for a, b in zip(there, own, strict=True)) / len(flights)) ** 2
-    return found
 
 
 def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:

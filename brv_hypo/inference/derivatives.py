@@ -16,10 +16,11 @@ from pydantic import Field, computed_field
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.problem import Problem
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes
-from brv_hypo.mechanisms.registry import moment_processes
+from brv_hypo.mechanisms.registry import moment_processes, nuisance_effects
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
@@ -143,10 +144,29 @@ def along_flights(
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
     `weight`: what a nat counts in the errors.
     """
-    motions = enumerate(own.rows.frame.motions)
+    motions, scale = enumerate(own.rows.frame.motions), scale_variance(own.rows.problem)
     return tuple(
-        along_flight(each, k, partial(_along, own, columns, frame, k, each, by, weight)) for k, each in motions
+        along_flight(each, k, partial(_along, own, columns, frame, k, each, by, weight, scale)) for k, each in motions
     )
+
+
+def scale_variance(problem: Problem) -> float:
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
+
+    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """
+    effects = {effect.name: effect for effect in nuisance_effects()}
+    flights = [record.flight for record in problem.records]
+    found = 0.0
+    for item in problem.rows.nuisances.items:
+        if item.name in effects and np.isfinite(item.present):
+            acting = flights if item.flight is None else [flights[item.flight]]
+            moved = [effects[item.name].perturb(flight, item.component, item.size) for flight in acting]
+            there, own = (
+                [float(np.mean(each.vehicle.iyy / each.dynamic_pressure)) for each in some] for some in (moved, acting)
+            )
+            found += (sum(a / b - 1.0 for a, b in zip(there, own, strict=True)) / len(flights)) ** 2
+    return found
 
 
 def per_coefficient(
@@ -185,10 +205,11 @@ def _along(
     motion: Motion,
     by: Callable[[Motion, FloatArray], Change],
     weight: float,
+    scale: float,
     alpha: FloatArray,
     places: IntArray,
 ) -> Along:
-    """The function about angles of attack (samples,) rad, at some places (places,)."""
+    """The function about angles of attack (samples,) rad, at some places (places,); `scale`: its relative variance."""
     less, more, unit, at_rest = by(motion, alpha)
     unit = np.broadcast_to(unit, alpha.shape)[places]
     items = own.shared_tolerances
@@ -201,15 +222,15 @@ def _along(
     for process in moment_processes():
         if at_rest and process.family != "stiffness":
             continue
-        scale = rms_of_shapes(process, motion)
+        unity = rms_of_shapes(process, motion)
         histories = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), process.splines)
         fast = process.shapes(more)
         slow = [0.0 * each for each in fast] if less is None else process.shapes(less)
         rises = [np.real(b - a)[places] / unit for a, b in zip(slow, fast, strict=True)]
-        splines[groups[process.name]] = np.hstack([rise[:, np.newaxis] * histories / scale for rise in rises])
+        splines[groups[process.name]] = np.hstack([rise[:, np.newaxis] * histories / unity for rise in rises])
     found, sigma, correlation = own.along(flight, values, splines, allowed)
     names = [*(group.name for group in own.rows.groups), *(column.label for column in columns)]
-    return Along(found, sigma / np.sqrt(weight), dict(zip(names, correlation.T, strict=False)))
+    return Along(found, np.sqrt(sigma**2 / weight + scale * found**2), dict(zip(names, correlation.T, strict=False)))
 
 
 # ---- Processes at their mode ----

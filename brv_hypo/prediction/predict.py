@@ -25,13 +25,12 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, load_flight, one_flight
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.derivatives import per_coefficient, slope
+from brv_hypo.inference.derivatives import per_coefficient, scale_variance, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, first_values
 from brv_hypo.linearisation.frame import ResidualMoments
