@@ -135,8 +135,14 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
             "the search for the motion did not converge: alpha may be farther off than its sigma says. Give a window "
             "in which it is smaller (--start, --stop), or the tolerances that the instruments have (--instruments)"
         )
-    lost = gaps_of(flight)
-    if lost:
+    sizes = np.abs(wind.effects.value)
+    if sizes.size and np.max(sizes) >= limits.FAR_TOLERANCES:
+        worst = wind.effects.responses.effects[int(np.argmax(sizes))]
+        yield (
+            f"this motion needs {worst.effect} {worst.component} of {np.max(sizes):.2g} tolerances: where these are "
+            "right it is another. State wider ones (--instruments), or take another window (--start, --stop)"
+        )
+    if lost := gaps_of(flight):
         first, last = lost[0]
         others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
         yield (

@@ -127,6 +127,7 @@ class EffectResponses:
     # dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope
     pressure: FloatArray
     moment: ComplexArray  # C_m + i C_n (kept, k)
+    turning: ComplexArray  # the same of the rates alone, with pressure and inertia as they are (kept, k)
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,9 @@ def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
     n = record.time.size
     unchanged = np.zeros((n, 0), dtype=complex)
-    return EffectResponses((), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), unchanged, unchanged.real, unchanged)
+    return EffectResponses(
+        (), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), unchanged, unchanged.real, unchanged, unchanged
+    )
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
@@ -181,7 +184,8 @@ def effect_responses(
     kept = decimated_grid(list(itertools.pairwise(edges)), stride)
     width = max(1, AT_ONCE // record.time.size)
     drift = np.empty((kept.size, 3, len(effects)))
-    forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
+    forces, moments, turnings = np.empty((3, kept.size, len(effects)), dtype=complex)
+    pressures = np.empty((kept.size, len(effects)))
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
@@ -192,12 +196,16 @@ def effect_responses(
             forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
             pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
             moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
-    return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
+            turning = more.moment * more.moment_scale - less.moment * less.moment_scale
+            turnings[:, k] = kept.of(turning / smooth.moment_scale) / RESPONSE_STEP
+    return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments, turnings)
 
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
-    each: dict[str, Any] = {name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment")}
+    each: dict[str, Any] = {
+        name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment", "turning")
+    }
     nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
     if np.all(nonzero):
         return responses

@@ -159,7 +159,7 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.stack([ones, 1j * ones, rate], axis=1),
         kept=responses.rows,
-        effects=responses.moment,
+        effects=responses.turning,  # an error of pressure or inertia is one of the slope, and hides no moment
         factors=None,
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
@@ -258,9 +258,8 @@ def walk_equations(measurements: Sequence[LinearMeasurement], step_variance: Flo
     reverse = np.zeros_like(information)
     reverse[2], reverse[1, 1:], reverse[0, 2:] = information[2, ::-1], information[1, :0:-1], information[0, :1:-1]
     downward = _pivots(cholesky_banded(reverse))[::-1, ::-1, ::-1]
-    own = np.empty((n, 2, 2))
-    own[:, 0, 0], own[:, 1, 1], own[:, 0, 1] = information[2, 0::2], information[2, 1::2], information[1, 1::2]
-    own[:, 1, 0] = own[:, 0, 1]
+    between = information[1, 1::2]
+    own = np.array([[information[2, 0::2], between], [between, information[2, 1::2]]]).transpose(2, 0, 1)
     return WalkEquations(answer, np.asarray(np.linalg.inv(_pivots(factor) + downward - own)), steps, gram)
 
 

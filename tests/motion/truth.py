@@ -53,49 +53,16 @@ class Scenario:
     accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-CONE = Scenario(
-    "cone",
-    Vehicle(110.0, 2.2, 24.0, 0.5, 0.19635, (0.05, 0.02, -0.03)),
-    axial=0.12,
-    normal_slope=1.8,
-    static_slope=-0.55,
-    damping=-2.0,
-    speed=7000.0,
-    altitude=22000.0,
-    flight_path=-0.5,
-    roll_rate=6.0,
-    alpha=np.radians(2.0),
-    precession=0.6,
-)
+# axial force, normal and static slopes, damping; speed, altitude, flight path; roll rate, alpha, precession
+_CONE = Vehicle(110.0, 2.2, 24.0, 0.5, 0.19635, (0.05, 0.02, -0.03))
+CONE = Scenario("cone", _CONE, 0.12, 1.8, -0.55, -2.0, 7000.0, 22000.0, -0.5, 6.0, np.radians(2.0), 0.6)
+_CAPSULE = Vehicle(50.0, 2.6, 2.2, 0.83, 0.541, (0.0, 0.0, 0.0))
 CAPSULE = Scenario(
-    "capsule",
-    Vehicle(50.0, 2.6, 2.2, 0.83, 0.541, (0.0, 0.0, 0.0)),
-    axial=1.5,
-    normal_slope=0.15,
-    static_slope=-0.12,
-    damping=-0.3,
-    speed=4000.0,
-    altitude=45000.0,
-    flight_path=-0.3,
-    roll_rate=1.0,
-    alpha=np.radians(4.0),
-    precession=0.5,
-    duration=20.0,
+    "capsule", _CAPSULE, 1.5, 0.15, -0.12, -0.3, 4000.0, 45000.0, -0.3, 1.0, np.radians(4.0), 0.5, duration=20.0
 )
+_SLENDER = Vehicle(180.0, 4.0, 160.0, 0.438, 0.1507, (0.3, 0.0, 0.05))
 SLENDER = Scenario(
-    "slender",
-    Vehicle(180.0, 4.0, 160.0, 0.438, 0.1507, (0.3, 0.0, 0.05)),
-    axial=0.3,
-    normal_slope=4.0,
-    static_slope=-3.0,
-    damping=-60.0,
-    speed=1200.0,
-    altitude=25000.0,
-    flight_path=-1.0,
-    roll_rate=8.0,
-    alpha=np.radians(3.0),
-    precession=0.4,
-    duration=20.0,
+    "slender", _SLENDER, 0.3, 4.0, -3.0, -60.0, 1200.0, 25000.0, -1.0, 8.0, np.radians(3.0), 0.4, duration=20.0
 )
 SCENARIOS = (CONE, CAPSULE, SLENDER)
 
