@@ -47,8 +47,8 @@ WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
-CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow, where the level falls by more
-INCONSISTENT = 20.0  # nats
+CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow
+INCONSISTENT = 20.0  # nats by which the level falls with that static moment: another round
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
@@ -222,8 +222,7 @@ def acting(
 
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
     delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
-    processes a short region about one end may explain as much as the whole one with its onset. What is below the
-    `least`, and would be below the other with all that it explains in a linear problem too, stays where it was placed.
+    processes a short region about one end may explain as much as the whole one with its onset. `least`: see `_between`.
     """
     times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets)
     beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
@@ -295,8 +294,8 @@ def _between(
     least: tuple[float, float, float],
 ) -> Pair:
     """A mechanism acting in a region between some times, its ends placed between those beside the first of `starts`,
-    and moved; with onsets of other widths too. Where it is less likely than the first and last of `least`, that is not
-    tried; `acting` has the other.
+    and moved, unless below the first of `least` (and, with all that it explains, the second); with onsets of other
+    widths too, unless below the third.
     """
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
@@ -312,7 +311,6 @@ def _between(
         return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts[1:])
 
     pair = placed(best)
-    # An edge or a delay a little off costs a strong mechanism more than the best has.
     if level(pair) < least[0] and level(pair) + 0.5 * best.peak < least[1]:
         return pair
     pair = moved(problem, pair)

@@ -144,9 +144,9 @@ def along_flights(
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
     `weight`: what a nat counts in the errors.
     """
-    motions, scale = enumerate(own.rows.frame.motions), scale_variance(own.rows.problem)
+    motions, errs = own.rows.frame.motions, (weight, scale_variance(own.rows.problem))
     return tuple(
-        along_flight(each, k, partial(_along, own, columns, frame, k, each, by, weight, scale)) for k, each in motions
+        along_flight(m, k, partial(_along, own, columns, frame, k, m, by, errs)) for k, m in enumerate(motions)
     )
 
 
@@ -204,12 +204,11 @@ def _along(
     flight: int,
     motion: Motion,
     by: Callable[[Motion, FloatArray], Change],
-    weight: float,
-    scale: float,
+    errs: tuple[float, float],
     alpha: FloatArray,
     places: IntArray,
 ) -> Along:
-    """The function about angles of attack (samples,) rad, at some places (places,); `scale`: its relative variance."""
+    """The function about angles of attack (samples,) rad, at places (places,); `errs`: weight, relative variance."""
     less, more, unit, at_rest = by(motion, alpha)
     unit = np.broadcast_to(unit, alpha.shape)[places]
     items = own.shared_tolerances
@@ -230,7 +229,7 @@ def _along(
         splines[groups[process.name]] = np.hstack([rise[:, np.newaxis] * histories / unity for rise in rises])
     found, sigma, correlation = own.along(flight, values, splines, allowed)
     names = [*(group.name for group in own.rows.groups), *(column.label for column in columns)]
-    return Along(found, np.sqrt(sigma**2 / weight + scale * found**2), dict(zip(names, correlation.T, strict=False)))
+    return Along(found, np.sqrt(sigma**2 / errs[0] + errs[1] * found**2), dict(zip(names, correlation.T, strict=False)))
 
 
 # ---- Processes at their mode ----

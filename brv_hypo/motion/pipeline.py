@@ -135,9 +135,9 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
             "the search for the motion did not converge: alpha may be farther off than its sigma says. Give a window "
             "in which it is smaller (--start, --stop), or the tolerances that the instruments have (--instruments)"
         )
-    sizes = np.abs(wind.effects.value)
-    if sizes.size and np.max(sizes) >= limits.FAR_TOLERANCES:
-        worst = wind.effects.responses.effects[int(np.argmax(sizes))]
+    sizes, effects = np.abs(wind.effects.value), wind.effects.responses.effects
+    if effects and np.max(sizes) >= limits.FAR_TOLERANCES:
+        worst = effects[int(np.argmax(sizes))]
         yield (
             f"this motion needs {worst.effect} {worst.component} of {np.max(sizes):.2g} tolerances: where these are "
             "right it is another. State wider ones (--instruments), or take another window (--start, --stop)"
@@ -146,18 +146,14 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
         first, last = lost[0]
         others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
         yield (
-            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the "
-            "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side "
-            "of it (--start, --stop)"
+            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the attitude across it is unknown, and its "
+            "error may appear as errors or moments. Give a window on one side of it (--start, --stop)"
         )
     alpha = angle_of_attack(wind.crossflow)[measured]
     share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)
     if share >= limits.WARNED_ALPHA:
         known = f"known to {100.0 * share:.0f} % of its rms only" if share < 10.0 else "not known"
-        yield (
-            f"the angle of attack is {known}; a longer window, or one of "
-            "higher dynamic pressure, determines the attitude to the wind better"
-        )
+        yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, determines it better"
     yield from _moment_noise(record, moments)
     yield from _samples_per_cycle(record)
     expected, found = gravity_magnitude(flight), float(np.linalg.norm(wind.gravity))

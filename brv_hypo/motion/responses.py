@@ -184,8 +184,7 @@ def effect_responses(
     kept = decimated_grid(list(itertools.pairwise(edges)), stride)
     width = max(1, AT_ONCE // record.time.size)
     drift = np.empty((kept.size, 3, len(effects)))
-    forces, moments, turnings = np.empty((3, kept.size, len(effects)), dtype=complex)
-    pressures = np.empty((kept.size, len(effects)))
+    (forces, moments, turnings), pressures = np.empty((3, *drift.shape[::2]), dtype=complex), np.empty(drift.shape[::2])
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
@@ -196,8 +195,8 @@ def effect_responses(
             forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
             pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
             moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
-            turning = more.moment * more.moment_scale - less.moment * less.moment_scale
-            turnings[:, k] = kept.of(turning / smooth.moment_scale) / RESPONSE_STEP
+            turning = (more.moment * more.moment_scale - less.moment * less.moment_scale) / smooth.moment_scale
+            turnings[:, k] = kept.of(turning) / RESPONSE_STEP
     return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments, turnings)
 
 

@@ -9,7 +9,7 @@ noise lets it drift; the globals are gravity, errors of the record and coefficie
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,11 +84,6 @@ FORCE_FAR_LESS = 0.8  # of what was taken for noise: a slope that leaves less is
 FORCE_UNEXPLAINED = (0.1, 20.0)  # of its rms, and of its noise: from where no motion explains a force
 MOTION_LINEARISATIONS = 6  # at most, of the errors of the record, each about what was found of them
 MOTION_MOVED = 0.1  # of the crossflow's standard deviation, by which it moves: errors are linearised again
-
-_NO_MOTION = (
-    "forces and rates of this record do not belong to one motion. Likely causes: wrong axes, signs or units. See "
-    "`brv-hypo inspect`, or take `--method rates`, which uses the gyros alone."
-)
 
 Measurements = tuple[MeasurementModel, ...]  # the normal force, and the static moment where that is too little
 StartingPoint = tuple[WindStart, ComplexArray, FloatArray | None]  # a start, crossflow (n,) and errors beyond the known
@@ -182,12 +177,6 @@ class RandomWalkSmoother:
         self.step_variance = np.append(variance[0], variance)
         self.nose_start = start_from_nose(record)
 
-    def force_at_start(self) -> ComplexArray:
-        """The transverse force (n,) m/s^2 that explains the measured one best from the nose's mean."""
-        force = force_measurement(self.record, self.responses)
-        xi = body_crossflow(self.record, wind_direction(self.record, self.nose_start))
-        return force.modelled(xi, _first_coefficients(force, xi))
-
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
     ) -> SmoothedMotion:
@@ -208,7 +197,10 @@ class RandomWalkSmoother:
             cost = self._cost(measurements, point, equations, information)
             solution, turn = equations.solve(mean, information), point.flow.turn
             if not np.isfinite(cost + solution.cost):
-                raise UnanswerableError(_NO_MOTION)
+                raise UnanswerableError(
+                    "forces and rates of this record do not belong to one motion: are axes, signs and units right?"
+                    " See `brv-hypo inspect`, or take `--method rates`, which uses the gyros alone."
+                )
             converged = cost - solution.cost < enough
             if converged:
                 break
@@ -227,8 +219,7 @@ class RandomWalkSmoother:
             if gained > 1.0 - MOTION_TRUSTED:
                 damping = damping / MOTION_DAMPED if damping > MOTION_DAMPING else 0.0
         observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
-        own = slice(START_PARTS, self.shared)
-        value, covariance = self.known + point.errors, solution.covariance[own, own]
+        own, value = slice(START_PARTS, self.shared), self.known + point.errors
 
         def response(rows: slice) -> ComplexArray:
             moved, out = drift(rows), equations.sensitivity(rows)
@@ -243,7 +234,7 @@ class RandomWalkSmoother:
             crossflow=point.flow.crossflow,
             residual=point.residuals[-1],
             covariance=solution.covariance,
-            effects=EffectFit(self.responses, self.known, value, covariance),
+            effects=EffectFit(self.responses, self.known, value, solution.covariance[own, own]),
             response=response,
             walk_covariance=equations.walk_covariance / self.speed[:, np.newaxis, np.newaxis] ** 2,
             turn=turn,
@@ -387,17 +378,22 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     if perturbations:
         problem, near, left, converged = _linearised(record, config, perturbations)
     fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
-    alone = _relative_error(fit, problem.record.measured)
-    warnings = tuple(_unexplained(problem.record, fit.residual))
+    measured, warnings = problem.record.measured, tuple[str, ...]()
+    alone, residual = _relative_error(fit, measured), fit.residual[measured]
+    share = rms(residual) / max(rms(problem.record.transverse_force[measured]), 1e-150)
+    noise = _misfit(residual, problem.record.force_sigma[measured])
+    if share >= FORCE_UNEXPLAINED[0] and noise >= FORCE_UNEXPLAINED[1]:
+        warnings += (
+            f"no motion by these gyros explains {100.0 * share:.0f} % of the transverse force (rms), {noise:.0f} times "
+            "its noise: wrong units, axes or signs of gyros or accelerometers, or a wrong speed, are likely",
+        )
     if alone > FORCE_ENOUGH:
         fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
         warnings += (
-            f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment "
-            "was used to measure the attitude to the wind as well. Better accelerometers or a window of "
-            "higher dynamic pressure would do without it",
+            f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment measures "
+            "the attitude to the wind as well",
         )
-    radial, tangential = fit.sigmas()
-    force, coefficients = fit.measurements[0], fit.coefficients[0]
+    (radial, tangential), force, coefficients = fit.sigmas(), fit.measurements[0], fit.coefficients[0]
     return WindHistory(
         record=problem.record,
         crossflow=fit.crossflow,
@@ -413,18 +409,6 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     )
 
 
-def _unexplained(record: InertialRecord, residual: ComplexArray) -> Iterator[str]:
-    """A warning where the motion does not explain the measured transverse force, and noise does not either."""
-    noise = _misfit(residual[record.measured], record.force_sigma[record.measured])
-    share = rms(residual[record.measured]) / max(rms(record.transverse_force[record.measured]), 1e-150)
-    if share >= FORCE_UNEXPLAINED[0] and noise >= FORCE_UNEXPLAINED[1]:
-        yield (
-            f"no motion by these gyros explains {100.0 * share:.0f} % of the transverse force (rms), {noise:.0f} times "
-            "its noise: units, axes or signs of gyros or accelerometers, or a wrong speed, are likely; see `brv-hypo "
-            "inspect`"
-        )
-
-
 def _linearised(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> tuple[RandomWalkSmoother, StartingPoint, float, bool]:
@@ -435,9 +419,8 @@ def _linearised(
     be estimated at tens of tolerances, from where no step leads back.
     """
     flight, problem = record.flight, RandomWalkSmoother(record)
-    # Noise that is understated would pay for gravity of any size: at first it is all that the start does not explain.
-    force, near = problem.force_at_start(), None
-    left, before = _left(record, force), np.inf
+    # Noise that is understated would pay for gravity of any size: at first it is the whole force.
+    near, left, before = None, _left(record, np.zeros_like(record.transverse_force)), np.inf
     while left < FORCE_FAR_LESS * before:
         fit = _rough_fit(problem, near, left)
         force, near, before = fit.normal_force, (*fit.near[:2], None), left
