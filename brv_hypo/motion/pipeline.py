@@ -153,7 +153,7 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
     share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)
     if share >= limits.WARNED_ALPHA:
         known = f"known to {100.0 * share:.0f} % of its rms only" if share < 10.0 else "not known"
-        yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, determines it better"
+        yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, would do better"
     yield from _moment_noise(record, moments)
     yield from _samples_per_cycle(record)
     expected, found = gravity_magnitude(flight), float(np.linalg.norm(wind.gravity))
