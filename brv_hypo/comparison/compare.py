@@ -53,6 +53,7 @@ from brv_hypo.comparison.verdict import (
     with_prediction_error,
     with_second,
     without_converged_motion,
+    without_power,
 )
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
@@ -186,7 +187,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
     motions = motions_beside(beside, reconstructions)
     known = {"reconstruction": motion_summary(motions), **diagnostics(beside, comparison, motions)}
-    verdict = with_far_error(comparison.verdict, known["record_errors"])
+    verdict = without_power(with_far_error(comparison.verdict, known["record_errors"]))
     leader = comparison.ranking[0]
     if acts := leader.acting:
         # The region is in the time of one flight, or of all flights where these share a clock.

@@ -233,10 +233,10 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     return _described(verdict, verdict.winner, said)
 
 
-def _described(verdict: Verdict, described: str, reason: str) -> Verdict:
-    """The verdict with a mechanism that describes the moments best, and is not named: the baseline may be right."""
-    known = {"winner": None, "outcome": "undecided", "described": described, "equivalent": (described, NONE)}
-    return verdict.model_copy(update={**known, "reason": reason})
+def _described(verdict: Verdict, described: str | None, reason: str) -> Verdict:
+    """The verdict without a name; with a mechanism that describes the moments best, where the baseline may be right."""
+    known = {"equivalent": verdict.equivalent if described is None else (described, NONE), "described": described}
+    return verdict.model_copy(update={**known, "winner": None, "outcome": "undecided", "reason": reason})
 
 
 def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
@@ -279,9 +279,16 @@ def without_converged_motion(verdict: Verdict) -> Verdict:
     """The verdict on a motion whose search did not converge, without a name: of another motion another may lead."""
     if verdict.outcome not in ("named", "undecided"):
         return verdict
-    said = " The search for the motion did not converge, and another motion may have another verdict: nothing is named."
-    known = {"winner": None, "outcome": "undecided", "described": None, "reason": verdict.reason + said}
-    return verdict.model_copy(update=known)
+    return _described(verdict, None, f"{verdict.reason} But the search for the motion did not converge.")
+
+
+def without_power(verdict: Verdict) -> Verdict:
+    """The verdict that no mechanism is needed where half of those listed may have the whole moment: undecided."""
+    far = [each.mechanism for each in verdict.limits if not each.share_of_moment_95 < 1.0]
+    if verdict.winner != NONE or not far or 2 * len(far) < len(verdict.limits):
+        return verdict
+    said = f"{verdict.reason} But {', '.join(far)} may each have the whole moment: too little is excluded."
+    return _described(verdict, None, said)
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:

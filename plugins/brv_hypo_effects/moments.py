@@ -119,9 +119,7 @@ class MachStiffness(SimilarStiffness):
 
     name, title = "mach_stiffness", "static moment that changes with Mach number"
     claims = "a slope of the in-plane moment that follows the Mach number"
-    parameter = "(Mach/10)"
-    follows = "mach"
-
+    parameter, follows = "(Mach/10)", "mach"
     degree: int = 3
 
 
@@ -130,9 +128,7 @@ class ReynoldsStiffness(SimilarStiffness):
 
     name, title = "reynolds_stiffness", "static moment that changes with Reynolds number"
     claims = "a slope of the in-plane moment that follows the logarithm of the Reynolds number"
-    parameter = "log10(Re/1e6)"
-    follows = "reynolds"
-
+    parameter, follows = "log10(Re/1e6)", "reynolds"
     degree: int = 2
 
 

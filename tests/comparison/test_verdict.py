@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Explained, ProcessEstimate, RecordError, Verdict, percent
+from brv_hypo.comparison.result import Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict, percent
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
@@ -27,6 +27,7 @@ from brv_hypo.comparison.verdict import (
     with_gaps,
     with_prediction_error,
     without_converged_motion,
+    without_power,
 )
 from brv_hypo.thresholds import NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
@@ -194,7 +195,18 @@ def test_on_a_motion_that_did_not_converge_nothing_is_named() -> None:
     for verdict in (said(NULL, LAG), said(candidate(NONE, 0.0), candidate("lag", -8.0))):
         found = without_converged_motion(verdict)
         assert (found.outcome, found.winner, found.described) == ("undecided", None, None)
-        assert found.reason.endswith("nothing is named.")
+        assert "did not converge" in found.reason
+
+
+@pytest.mark.parametrize(("shares", "outcome"), [((0.1, 2.0, 0.3), "named"), ((0.1, 2.0, np.nan), "undecided")])
+def test_that_nothing_acts_is_not_said_where_most_may_be_the_whole_moment(
+    shares: tuple[float, ...], outcome: str
+) -> None:
+    limits = [MechanismLimit(mechanism=f"m{k}", share_of_moment_95=share) for k, share in enumerate(shares)]
+    verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0)).model_copy(update={"limits": tuple(limits)})
+    found = without_power(verdict)
+    assert found.outcome == outcome
+    assert (found.winner is None) == ("m1, m2 may each" in found.reason) == (outcome == "undecided")
 
 
 def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:

@@ -277,8 +277,7 @@ class RandomWalkSmoother:
 
     def _drift(self, point: _Point) -> Columns:
         """Transverse velocity by each global, of the start by differences."""
-        flow = point.flow
-        parts = np.empty((self.speed.size, START_PARTS), dtype=complex)
+        flow, parts = point.flow, np.empty((self.speed.size, START_PARTS), dtype=complex)
         size = START_DIFFERENCE * np.array([1.0, 1.0, *np.full(3, gravity_size(self.record.flight))])
         for k, step in enumerate(np.diag(size)):
             start = _turned(flow.start, flow.axes, complex(*step[:2]), step[2:])
@@ -352,15 +351,13 @@ def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> Floa
     """Coefficients that fit the observation about the crossflow as it stands."""
     valid = np.isfinite(measurement.sigma)
     weight = 1.0 / measurement.sigma[valid]
-    columns = measurement.columns(xi)[valid] * weight[:, None]
-    right = measurement.observed[valid] * weight
+    columns, right = measurement.columns(xi)[valid] * weight[:, None], measurement.observed[valid] * weight
     stacked = np.concatenate([columns.real, columns.imag])
     return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
 
 def _turned(start: WindStart, axes: Axes, offset: complex, gravity: FloatArray) -> WindStart:
-    second, third = axes
-    moved = start.direction + second[0] * offset.real + third[0] * offset.imag
+    moved = start.direction + axes[0][0] * offset.real + axes[1][0] * offset.imag
     return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
 
 
