@@ -185,7 +185,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     """Every hypothesis with its evidence beside processes, which `whole` has; both are linear `about` a fit."""
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
-    first = [with_its_evidence(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
+    first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else (e, null) for e in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])

@@ -70,7 +70,8 @@ def in_one_region(
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.beside_small) if null.has_large_processes else (null,)
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
-    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
+    ways = [pair, with_its_evidence(null.rows, fit, pair[1].at, null.at)]  # its values as they were, and consistent
+    return [*ways, *acting(problem, like, fit.mechanisms, beside, starts=[own for _, own in ways], least=(least, best))]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -293,9 +294,8 @@ def _between(
     starts: Sequence[Evidence],
     least: tuple[float, float, float],
 ) -> Pair:
-    """A mechanism acting in a region between some times, its ends placed between those beside the first of `starts`,
-    and moved, unless below the first of `least` (and, with all that it explains, the second); with onsets of other
-    widths too, unless below the third.
+    """A mechanism acting in a region between some times, its ends placed beside the first of `starts`, and moved unless
+    below the first of `least` (and, with all that it explains, the second); with onsets, unless below the third.
     """
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
@@ -326,13 +326,13 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
     return with_its_evidence(starts[0].rows, _with_columns(problem, like, selected), *(each.at for each in starts))
 
 
-def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pair:
+def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, rounds: int = CONSISTENT_ROUNDS) -> Pair:
     """A fit with its evidence from some amplitudes: knots and delays move what it is beside processes, not without."""
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:
         return fit, own
     pairs: list[Pair] = []
-    for _ in range(CONSISTENT_ROUNDS):
+    for _ in range(rounds):
         fit = _with_values_of(fit, own)
         pairs.append((fit, with_amplitudes(rows, rows.terms(fit), own.at)))
         if level(pairs[-1]) > own.level - INCONSISTENT:
