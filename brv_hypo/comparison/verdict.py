@@ -276,7 +276,7 @@ def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Ve
 
 
 def without_converged_motion(verdict: Verdict) -> Verdict:
-    """The verdict on a motion whose search did not converge, without a name: of another motion another may lead."""
+    """The verdict without a name, where the motion did not converge: on another motion another hypothesis may lead."""
     if verdict.outcome not in ("named", "undecided"):
         return verdict
     return _described(verdict, None, f"{verdict.reason} But the search for the motion did not converge.")

@@ -295,7 +295,7 @@ def _between(
     least: tuple[float, float, float],
 ) -> Pair:
     """A mechanism acting in a region between some times, its ends placed beside the first of `starts`, and moved unless
-    below the first of `least` (and, with all that it explains, the second); with onsets, unless below the third.
+    its log evidence is below `least[0]`, and with its linear gain below `least[1]`; with onsets from `least[2]` on.
     """
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))

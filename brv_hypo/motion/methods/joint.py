@@ -3,8 +3,8 @@
 Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
 measurement (normal force, static moment) gives the crossflow at each sample through a slowly varying, unknown slope.
 Gravity, the errors of the record and the slope's coefficients are globals. The walk is linear, the globals
-nearly: a few Gauss-Newton steps. In `RandomWalkSmoother` the walk is the direction of the velocity as the gyros' white
-noise lets it drift; the globals are gravity, errors of the record and coefficients of the measurement models.
+are not: damped Gauss-Newton steps. In `RandomWalkSmoother` the walk is the direction of the velocity as the noise of
+the gyros lets it drift; the globals are its start, gravity, errors of the record and coefficients of measurements.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class SmoothedMotion:
     walk_covariance: FloatArray  # of the crossflow in wind axes given the globals (n, 2, 2)
     turn: ComplexArray  # unit number (n,) from wind to body axes
     score: float  # Bayesian information criterion
-    converged: bool  # whether the last step was small enough
+    converged: bool  # whether a further step would lower the cost by next to nothing
 
     @property
     def near(self) -> StartingPoint:
