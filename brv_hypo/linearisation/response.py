@@ -29,7 +29,7 @@ from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
     body_crossflow,
-    gravity_size,
+    gravity_known,
     inertial_record,
     transverse_axes,
     wind_direction,
@@ -94,6 +94,13 @@ def walk_name(axis: str, number: int) -> str:
     return f"walk {axis} {number}"
 
 
+def _gravity_axes(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean (3,) of gravity as it is known, axes (3, 3), in columns, of independent errors of it, their sizes (3,)."""
+    mean, information = gravity_known(record, start)
+    values, axes = np.linalg.eigh(information)
+    return mean, axes, 1.0 / np.sqrt(values)
+
+
 @dataclass(frozen=True)
 class PropagatedMotion:
     """A motion by its `start` and the `walk` (n,) rad of the attitude across the velocity, in axes carried along it."""
@@ -113,7 +120,8 @@ class PropagatedMotion:
         first, second = (found.get((MOTION, name), 0.0) for name in START)
         across, beside = transverse_axes(self.start.direction[np.newaxis])
         direction = self.start.direction - first * across[0] - second * beside[0]
-        pull = gravity_size(record.flight) * np.array([found.get((MOTION, name), 0.0) for name in GRAVITY])
+        axes, sizes = _gravity_axes(record, self.start)[1:]
+        pull = axes @ (sizes * np.array([found.get((MOTION, name), 0.0) for name in GRAVITY]))
         count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
         weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
         return PropagatedMotion(
@@ -280,16 +288,18 @@ class LinearisedFlight:
         return self._propagated(perturbed(self.record, read))
 
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
-        """Direction of the velocity at the start (two, no prior) and gravity (three, prior its size)."""
-        start, size = self.reconstruction.start, gravity_size(self.record.flight)
+        """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""
+        start = self.reconstruction.start
+        mean, axes, sizes = _gravity_axes(self.record, start)
         across = [RESPONSE_TURN * axis[0] for axis in transverse_axes(start.direction[np.newaxis])]
-        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in np.eye(3))]
+        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in axes.T)]
 
         def moved(some: Sequence[tuple[str, FloatArray]], share: float) -> list[MovedRecord]:
             starts = [replace(start, **{name: getattr(start, name) + share * each}) for name, each in some]
             return [each for other in starts for each in self._propagated([self.record], other)]
 
-        present, per_unit = [np.nan, np.nan, *(start.gravity / size).tolist()], [1.0 / RESPONSE_TURN] * 2 + [size] * 3
+        present = [np.nan, np.nan, *(axes.T @ (start.gravity - mean) / sizes).tolist()]
+        per_unit = [*[1.0 / RESPONSE_TURN] * 2, *sizes.tolist()]
         found = self._derivatives(self._moments, changes, moved)
         for name, change, unit, value in zip((*START, *GRAVITY), found, per_unit, present, strict=True):
             yield MOTION, name, change.times(unit), value, None

@@ -31,6 +31,9 @@ from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 FAR_OFF_AXIS = 0.9  # cosine to an axis, beyond which axes across are built on the next
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
+GRAVITY_KNOWN = 0.02  # 1-sigma of its size: over the record it is taken as constant, and as one direction
+HEIGHTS = 9  # parts of the record whose mean altitude is taken
+HEIGHT_READ, HEIGHT_KNOWN = 30.0, 0.05  # 1-sigma, m and of a height that is lost: air that is no standard air
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {
     "earth": (9.80665, 6.371e6),
@@ -248,6 +251,36 @@ def gravity_magnitude(flight: Flight) -> float | None:
 def gravity_size(flight: Flight) -> float:
     """How large gravity may be, m/s^2."""
     return gravity_magnitude(flight) or FREE_GRAVITY
+
+
+def gravity_known(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
+    """Mean (3,) m/s^2 and information (3, 3) of gravity before any force tells: its size, and how far the path from a
+    start falls by the altitude, for g . integral of V u dt = |g| (h_0 - h).
+
+    The size is linear about the start's gravity.
+    """
+    flight, size = record.flight, gravity_size(record.flight)
+    information, right = np.eye(3) / size**2, np.zeros(3)
+    if gravity_magnitude(flight) is None:
+        return right, information
+    if (pull := float(np.linalg.norm(start.gravity))) > 0.0:
+        down = start.gravity / pull
+        information = information + np.outer(down, down) / (GRAVITY_KNOWN * size) ** 2
+        right += down * size / (GRAVITY_KNOWN * size) ** 2
+    known = np.zeros(0, dtype=np.int64) if flight.altitude is None else np.flatnonzero(np.isfinite(flight.altitude))
+    if flight.altitude is not None and known.size >= HEIGHTS:
+        path = running_integral(record.time, flight.velocity[:, np.newaxis] * wind_direction(record, start))
+        parts = np.array_split(known, HEIGHTS)
+        fallen = -np.array([np.mean(flight.altitude[part]) for part in parts])
+        columns = np.array([np.mean(path[part], axis=0) for part in parts])
+        elapsed = np.array([np.mean(record.time[part]) for part in parts])
+        fallen, columns, elapsed = (each - each[0] for each in (fallen, columns, elapsed))
+        off = [HEIGHT_KNOWN * fallen, max(flight.instruments.wind) * elapsed, np.full(HEIGHTS, HEIGHT_READ)]
+        covariance = sum((np.outer(each, each) for each in off), HEIGHT_READ**2 * np.eye(HEIGHTS))
+        weighted = np.linalg.solve(covariance, columns) / size
+        information = information + weighted.T @ columns / size
+        right = right + weighted.T @ fallen
+    return np.linalg.solve(information, right), information
 
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:

@@ -198,18 +198,18 @@ class WalkEquations:
     def solve(
         self, mean: FloatArray, information: FloatArray, damping: float = 0.0, near: FloatArray | float = 0.0
     ) -> WalkSolution:
-        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free.
+        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k, k), 0 where free.
 
         The globals are kept `near` (k,) by a share `damping` of what the measurements say of each.
         """
         kept = damping * np.diag(self.gram)[1:]
-        normal = self.gram[1:, 1:] + np.diag(information + kept)
+        normal = self.gram[1:, 1:] + information + np.diag(kept)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.inv(normal * scale[:, None] * scale + _RIDGE * np.eye(mean.size))
         covariance = inverse * scale[:, None] * scale
-        theta = covariance @ (self.gram[1:, 0] + information * mean + kept * near)
+        theta = covariance @ (self.gram[1:, 0] + information @ mean + kept * near)
         cost = self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta
-        cost += float(information @ (theta - mean) ** 2)
+        cost += float((theta - mean) @ information @ (theta - mean))
         walk = self.answer @ np.append(1.0, -theta)
         return WalkSolution(walk[0::2] + 1j * walk[1::2], theta, covariance, float(cost))
 

@@ -20,6 +20,7 @@ from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
     body_crossflow,
+    gravity_known,
     gravity_size,
     inertial_record,
     start_from_nose,
@@ -192,9 +193,11 @@ class RandomWalkSmoother:
         point, damping, converged = self._point(measurements, start, walk, errors), 0.0, False
         for _ in range(MOTION_MOST_STEPS):
             drift = self._drift(point)
-            equations, (mean, information) = self._linear(measurements, point, drift), self._priors(measurements, point)
+            equations, prior = self._linear(measurements, point, drift), self._prior(measurements, point)
+            mean, information = prior[0] - self._globals(point), prior[1]
             here = np.concatenate([np.zeros(START_PARTS), point.errors, np.zeros(mean.size - self.shared)])
-            cost = self._cost(measurements, point, equations, information)
+            mean[START_PARTS : self.shared] += point.errors
+            cost = self._cost(measurements, point, equations, *prior)
             solution, turn = equations.solve(mean, information), point.flow.turn
             if not np.isfinite(cost + solution.cost):
                 raise UnanswerableError(
@@ -209,7 +212,7 @@ class RandomWalkSmoother:
                 damped = equations.solve(mean, information, damping, here) if damping > 0.0 else solution
                 with np.errstate(over="ignore", invalid="ignore"):
                     moved = self._moved(measurements, point, damped)
-                    change = cost - self._cost(measurements, moved, equations, information)
+                    change = cost - self._cost(measurements, moved, equations, *prior)
                 gained = np.nan_to_num(change / (cost - damped.cost), nan=-1.0)
                 if gained < MOTION_TRUSTED:
                     damping = max(damping * MOTION_DAMPED, MOTION_DAMPING)
@@ -286,15 +289,20 @@ class RandomWalkSmoother:
         return drift_columns(self.responses, flow.axes, parts)
 
     def _cost(
-        self, measurements: Measurements, point: _Point, equations: WalkEquations, information: FloatArray
+        self,
+        measurements: Measurements,
+        point: _Point,
+        equations: WalkEquations,
+        mean: FloatArray,
+        information: FloatArray,
     ) -> float:
         """Minus twice the log of likelihood times prior, with these priors; infinite where no flow can be."""
         if not np.max(np.abs(point.flow.crossflow)) < 1.0:
             return np.inf
         steps = np.diff(point.flow.walk, prepend=0.0)
         cost = float(equations.step_information @ (steps * np.conj(steps)).real)
-        known = np.concatenate([np.zeros(2), point.flow.start.gravity, self.known + point.errors, *point.coefficients])
-        cost += float(information @ known**2)
+        off = self._globals(point) - mean
+        cost += float(off @ information @ off)
         for measurement, residual in zip(measurements, point.residuals, strict=True):
             cost += float(np.sum(np.abs(residual / measurement.sigma) ** 2))
         return cost
@@ -332,11 +340,13 @@ class RandomWalkSmoother:
         ]
         return walk_equations(each, self.step_variance)
 
-    def _priors(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
-        """Mean and information of the globals, those of start, gravity and measurements counted from the point."""
-        mean = -np.concatenate([np.zeros(2), point.flow.start.gravity, self.known, *point.coefficients])
-        information = np.zeros(mean.size)
-        information[2:START_PARTS] = 1.0 / gravity_size(self.record.flight) ** 2
+    def _globals(self, point: _Point) -> FloatArray:
+        """Change of the direction, none, gravity, errors of the record and coefficients (k,)."""
+        return np.concatenate([np.zeros(2), point.flow.start.gravity, self.known + point.errors, *point.coefficients])
+
+    def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
+        """Mean (k,) and information (k, k) of the globals, about a point."""
+        mean, information = np.zeros(self._globals(point).size), np.zeros(self._globals(point).size)
         information[START_PARTS : self.shared] = 1.0
         at = self.shared
         for measurement, values in zip(measurements, point.coefficients, strict=True):
@@ -344,6 +354,9 @@ class RandomWalkSmoother:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
                 information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
             at += measurement.unknowns
+        information = np.diag(information)
+        gravity = slice(2, START_PARTS)
+        mean[gravity], information[gravity, gravity] = gravity_known(self.record, point.flow.start)
         return mean, information
 
 
