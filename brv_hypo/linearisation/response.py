@@ -87,6 +87,7 @@ def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArr
 MOTION = "motion"
 START = ("start y", "start z")
 GRAVITY = ("gravity x", "gravity y", "gravity z")
+GRAVITY_ERRORS = ("gravity 1", "gravity 2", "gravity 3")  # along `gravity_axes`
 
 
 def walk_name(axis: str, number: int) -> str:
@@ -94,11 +95,11 @@ def walk_name(axis: str, number: int) -> str:
     return f"walk {axis} {number}"
 
 
-def _gravity_axes(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean (3,) of gravity as it is known, axes (3, 3), in columns, of independent errors of it, their sizes (3,)."""
+def gravity_axes(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
+    """Mean (3,) of what is known of gravity, and independent errors of it, 1-sigma each (3, 3), in columns."""
     mean, information = gravity_known(record, start)
-    values, axes = np.linalg.eigh(information)
-    return mean, axes, 1.0 / np.sqrt(values)
+    sizes, axes = np.linalg.eigh(information)
+    return mean, axes / np.sqrt(sizes)
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,7 @@ class PropagatedMotion:
         first, second = (found.get((MOTION, name), 0.0) for name in START)
         across, beside = transverse_axes(self.start.direction[np.newaxis])
         direction = self.start.direction - first * across[0] - second * beside[0]
-        axes, sizes = _gravity_axes(record, self.start)[1:]
-        pull = axes @ (sizes * np.array([found.get((MOTION, name), 0.0) for name in GRAVITY]))
+        pull = gravity_axes(record, self.start)[1] @ [found.get((MOTION, name), 0.0) for name in GRAVITY_ERRORS]
         count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
         weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
         return PropagatedMotion(
@@ -290,18 +290,19 @@ class LinearisedFlight:
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
         """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""
         start = self.reconstruction.start
-        mean, axes, sizes = _gravity_axes(self.record, start)
+        mean, errors = gravity_axes(self.record, start)
+        sizes = np.linalg.norm(errors, axis=0)
         across = [RESPONSE_TURN * axis[0] for axis in transverse_axes(start.direction[np.newaxis])]
-        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in axes.T)]
+        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in (errors / sizes).T)]
 
         def moved(some: Sequence[tuple[str, FloatArray]], share: float) -> list[MovedRecord]:
             starts = [replace(start, **{name: getattr(start, name) + share * each}) for name, each in some]
             return [each for other in starts for each in self._propagated([self.record], other)]
 
-        present = [np.nan, np.nan, *(axes.T @ (start.gravity - mean) / sizes).tolist()]
+        present = [np.nan, np.nan, *np.linalg.solve(errors, start.gravity - mean).tolist()]
         per_unit = [*[1.0 / RESPONSE_TURN] * 2, *sizes.tolist()]
         found = self._derivatives(self._moments, changes, moved)
-        for name, change, unit, value in zip((*START, *GRAVITY), found, per_unit, present, strict=True):
+        for name, change, unit, value in zip((*START, *GRAVITY_ERRORS), found, per_unit, present, strict=True):
             yield MOTION, name, change.times(unit), value, None
 
     def random_walk(self) -> Iterator[MotionUnknown]:

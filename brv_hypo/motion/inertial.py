@@ -31,9 +31,9 @@ from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 FAR_OFF_AXIS = 0.9  # cosine to an axis, beyond which axes across are built on the next
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
-GRAVITY_KNOWN = 0.02  # 1-sigma of its size: over the record it is taken as constant, and as one direction
-HEIGHTS = 9  # parts of the record whose mean altitude is taken
-HEIGHT_READ, HEIGHT_KNOWN = 30.0, 0.05  # 1-sigma, m and of a height that is lost: air that is no standard air
+GRAVITY_KNOWN = 0.02  # 1-sigma of its size: it is taken as constant over the record, in size and direction
+HEIGHTS = 9  # parts of the record, of whose mean altitudes each has an error of its own
+HEIGHT_READ, HEIGHT_KNOWN = 30.0, 0.05  # m; and of a height that is lost, by air that is no standard air: 1-sigma
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {
     "earth": (9.80665, 6.371e6),
@@ -254,33 +254,27 @@ def gravity_size(flight: Flight) -> float:
 
 
 def gravity_known(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
-    """Mean (3,) m/s^2 and information (3, 3) of gravity before any force tells: its size, and how far the path from a
-    start falls by the altitude, for g . integral of V u dt = |g| (h_0 - h).
+    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample.
 
-    The size is linear about the start's gravity.
+    Its size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
+    altitude h loses: g . integral of V u dt = |g| (h_0 - h).
     """
     flight, size = record.flight, gravity_size(record.flight)
     information, right = np.eye(3) / size**2, np.zeros(3)
     if gravity_magnitude(flight) is None:
         return right, information
     if (pull := float(np.linalg.norm(start.gravity))) > 0.0:
-        down = start.gravity / pull
-        information = information + np.outer(down, down) / (GRAVITY_KNOWN * size) ** 2
-        right += down * size / (GRAVITY_KNOWN * size) ** 2
-    known = np.zeros(0, dtype=np.int64) if flight.altitude is None else np.flatnonzero(np.isfinite(flight.altitude))
-    if flight.altitude is not None and known.size >= HEIGHTS:
+        down = start.gravity / (pull * GRAVITY_KNOWN * size)
+        information, right = information + np.outer(down, down), down / GRAVITY_KNOWN
+    if flight.altitude is not None and (known := np.flatnonzero(np.isfinite(flight.altitude))).size >= HEIGHTS:
         path = running_integral(record.time, flight.velocity[:, np.newaxis] * wind_direction(record, start))
-        parts = np.array_split(known, HEIGHTS)
-        fallen = -np.array([np.mean(flight.altitude[part]) for part in parts])
-        columns = np.array([np.mean(path[part], axis=0) for part in parts])
-        elapsed = np.array([np.mean(record.time[part]) for part in parts])
-        fallen, columns, elapsed = (each - each[0] for each in (fallen, columns, elapsed))
-        off = [HEIGHT_KNOWN * fallen, max(flight.instruments.wind) * elapsed, np.full(HEIGHTS, HEIGHT_READ)]
-        covariance = sum((np.outer(each, each) for each in off), HEIGHT_READ**2 * np.eye(HEIGHTS))
-        weighted = np.linalg.solve(covariance, columns) / size
-        information = information + weighted.T @ columns / size
-        right = right + weighted.T @ fallen
-    return np.linalg.solve(information, right), information
+        rows = np.column_stack([path / size, record.time, -flight.altitude])
+        means = np.stack([rows[part].mean(axis=0) for part in np.array_split(known, HEIGHTS)])
+        columns, elapsed, lost = np.split(means - means[0], [3, 4], axis=1)
+        off = np.hstack([max(flight.instruments.wind) * elapsed, HEIGHT_KNOWN * lost, np.full_like(lost, HEIGHT_READ)])
+        weighted = np.linalg.solve(off @ off.T + HEIGHT_READ**2 * np.eye(HEIGHTS), columns)
+        information, right = information + weighted.T @ columns, right + (weighted.T @ lost)[:, 0]
+    return np.asarray(np.linalg.solve(information, right), dtype=float), information
 
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 
 from brv_hypo.linearisation.response import (
-    GRAVITY,
+    GRAVITY_ERRORS,
     MOTION,
     START,
     PropagatedMotion,
+    gravity_axes,
     linearisation_point,
     walk_name,
     walk_sines,
 )
 from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.inertial import WindStart, gravity_size, transverse_axes
+from brv_hypo.motion.inertial import WindStart, transverse_axes
 from tests.flights import nominal
 
 USUAL = ReconstructionConfig()
@@ -44,18 +45,20 @@ def test_a_motion_that_a_fit_led_to_is_linearised_about_as_it_is(point):
     assert all(effect.value == 0.0 for effect in moved.effects)
 
 
-@pytest.mark.parametrize(("name", "size"), [(START[0], 1e-3), (START[1], -2e-3), (GRAVITY[2], 0.1), (GRAVITY[0], -0.2)])
+@pytest.mark.parametrize(
+    ("name", "size"), [(START[0], 1e-3), (START[1], -2e-3), (GRAVITY_ERRORS[2], 0.1), (GRAVITY_ERRORS[0], -0.2)]
+)
 def test_an_error_of_the_start_is_taken_from_it(point, name, size):
     record, smooth = point
     true = PropagatedMotion.of(record, smooth)
-    across = np.vstack([*(axis[0] for axis in transverse_axes(true.start.direction[np.newaxis])), *np.eye(3)])
-    change = size * across[[*START, *GRAVITY].index(name)]
     direction, gravity = true.start.direction, true.start.gravity
     if name in START:
-        direction = direction + change
-    else:
-        gravity = gravity + gravity_size(record.flight) * change
-    wrong = replace(true, start=WindStart(direction / np.linalg.norm(direction), gravity))
+        across = transverse_axes(direction[np.newaxis])[START.index(name)][0]
+        wrong = replace(true, start=WindStart(direction + size * across, gravity))
+    else:  # the axes are those of the motion that is linearised about, which is the wrong one
+        wrong = replace(true, start=WindStart(direction, gravity + np.array([0.5, -0.2, 0.1])))
+        change = size * gravity_axes(record, wrong.start)[1][:, GRAVITY_ERRORS.index(name)]
+        true = replace(true, start=WindStart(direction, wrong.start.gravity - change))
     found = wrong.less(record, {(MOTION, name): size})
     np.testing.assert_allclose(found.start.direction, true.start.direction, atol=size**2)
     np.testing.assert_allclose(found.start.gravity, true.start.gravity, atol=1e-12)

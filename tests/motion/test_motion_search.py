@@ -9,8 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brv_hypo import compare
+from brv_hypo.flight.format import load_flight
 from brv_hypo.importing import bring_in
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.interpolation import DecimatedGrid
 from brv_hypo.motion.signals import rms
 from brv_hypo.motion.smoother import MeasurementModel, slope_basis
@@ -58,3 +61,25 @@ def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> Non
     assert all(each.converged for each in found)
     for each in found[1:]:
         assert rms(each.motion.alpha - found[0].motion.alpha) < 0.2 * rms(found[0].alpha_sigma)
+
+
+@pytest.mark.parametrize("vehicle", ["blunt_capsule", "research_cone"])
+def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(vehicle: str) -> None:
+    """Forces hardly tell of gravity along the path: it was estimated at zero, and sideways at any size."""
+    flown = simulate(load_config(vehicle), seed=70001).flight
+    found = reconstruct(flown)
+    assert flown.altitude is not None
+    fall = -np.polyfit(flown.time - flown.time[0], flown.altitude, 2)[-2] / flown.velocity[0]
+    assert np.linalg.norm(found.gravity_body) == pytest.approx(gravity_size(flown), rel=0.04)
+    along = float(found.start.direction @ found.gravity_body) / gravity_size(flown)
+    assert along == pytest.approx(fall, abs=0.1)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("start", [990.0, 1010.0])
+def test_errors_of_a_measured_entry_leave_its_gravity(start: float) -> None:
+    """What the model lacks made gravity of 1.3 g there, and alpha of 22 deg at the end of the record."""
+    whole = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), instruments="opportunity")
+    flight = whole.window(start, None)
+    (series,) = compare([flight], mechanisms=["inplane"], maximum_likelihood="none").series
+    assert rms(np.array(series.alpha_rad) - reconstruct(flight).motion.alpha) < np.radians(1.5)

@@ -53,7 +53,7 @@ def _dense(
 def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
     measurements, steps = _problem(seed, n, k)
     information = np.full(k, 0.3)
-    solution = walk_equations(measurements, steps).solve(np.zeros(k), information)
+    solution = walk_equations(measurements, steps).solve(np.zeros(k), np.diag(information))
     expected, covariance = _dense(measurements, steps, information)
     assert solution.walk.real == pytest.approx(expected[:n], rel=1e-7, abs=1e-9)
     assert solution.walk.imag == pytest.approx(expected[n : 2 * n], rel=1e-7, abs=1e-9)
@@ -65,7 +65,7 @@ def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
 def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
     measurements, steps = _problem(seed, n, 2)
     equations = walk_equations(measurements, steps)
-    solution = equations.solve(np.zeros(2), np.full(2, 0.3))
+    solution = equations.solve(np.zeros(2), np.diag(np.full(2, 0.3)))
     _, covariance = _dense(measurements, steps, np.full(2, 0.3))
     response = equations.sensitivity()
     response = np.stack([response.real, response.imag], axis=1)
@@ -96,7 +96,7 @@ def test_a_prior_counts_as_one_more_observation() -> None:
     column = np.ones((n, 1), dtype=complex)
     observed = size * column[:, 0] + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     measurement = LinearMeasurement(observed, np.zeros((n, 2), dtype=complex), column.__getitem__, np.full(n, 0.1))
-    solution = walk_equations([measurement], np.ones(n)).solve(np.array([prior]), np.array([n / 0.1**2]))
+    solution = walk_equations([measurement], np.ones(n)).solve(np.array([prior]), np.array([[n / 0.1**2]]))
     assert solution.theta[0] == pytest.approx(0.5 * (np.mean(observed.real) + prior), rel=1e-9)
     assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(2 * n), rel=1e-6)
     left = np.sum(np.abs(observed - solution.theta[0]) ** 2) / 0.1**2

@@ -346,16 +346,15 @@ class RandomWalkSmoother:
 
     def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and information (k, k) of the globals, about a point."""
-        mean, information = np.zeros(self._globals(point).size), np.zeros(self._globals(point).size)
-        information[START_PARTS : self.shared] = 1.0
+        mean, known = np.zeros(self._globals(point).size), np.zeros(self._globals(point).size)
+        known[START_PARTS : self.shared] = 1.0
         at = self.shared
         for measurement, values in zip(measurements, point.coefficients, strict=True):
             if measurement.bends:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
-                information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
+                known[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
             at += measurement.unknowns
-        information = np.diag(information)
-        gravity = slice(2, START_PARTS)
+        information, gravity = np.diag(known), slice(2, START_PARTS)
         mean[gravity], information[gravity, gravity] = gravity_known(self.record, point.flow.start)
         return mean, information
 
