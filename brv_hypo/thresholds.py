@@ -41,6 +41,7 @@ _STEPS = "judgement; tests/importing/test_soundness.py"
 _GAPS = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
 _SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
 _LIMITS = "tests/motion/test_limits.py"
+_GROSS = "tests/motion/test_answerable.py"
 _FORMAT = "judgement; tests/flight/test_store.py"
 _FAULTY = "tests.studies.independent.faulty_records"
 _USABLE = "judgement; tests/motion/test_answerable.py"
@@ -150,7 +151,7 @@ ROUNDED_WITHIN = threshold(0.05, "steps", "the same: changes are whole numbers o
 WARNED_PER_CYCLE = threshold(20.0, "samples", "degraded: too few samples in a cycle of the motion", _LIMITS)
 WARNED_ALPHA = threshold(0.1, "1", "warning: sigma of alpha over its rms; status degraded", _LIMITS)
 WARNED_MOMENTS = threshold(0.2, "1", "warning: noise of the moments over their rms; status degraded", _LIMITS)
-WARNED_GRAVITY = threshold(2.0, "1", "warning: gravity found over gravity expected; status degraded", _LIMITS)
+FORCE_UNEXPLAINED = threshold((0.1, 20.0), "1", "degraded: no motion has this force: part of its rms, noises", _GROSS)
 
 # ---- Format of a record ----
 

@@ -79,8 +79,7 @@ def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Rec
         off = rms((motion.crossflow - before.crossflow)[motion.flight.measured()]) / np.sqrt(2.0)
         turned = np.hypot(motion.phi_w_sigma, off / np.maximum(motion.motion.alpha, 1e-12))
         sigmas = {"alpha_sigma": np.hypot(motion.alpha_sigma, off), "phi_w_sigma": np.minimum(turned, UNKNOWN_ANGLE)}
-        warnings = tuple(dict.fromkeys((*before.warnings, *motion.warnings)))
-        found.append(replace(motion, **sigmas, warnings=warnings))
+        found.append(replace(motion, **sigmas))
     return tuple(found)
 
 

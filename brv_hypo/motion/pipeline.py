@@ -20,7 +20,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
+from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, inertial_record
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig, methods
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
@@ -156,12 +156,6 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
         yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, would do better"
     yield from _moment_noise(record, moments)
     yield from _samples_per_cycle(record)
-    expected, found = gravity_magnitude(flight), float(np.linalg.norm(wind.gravity))
-    if expected is not None and found > 0.0 and found >= limits.WARNED_GRAVITY * expected:
-        yield (
-            f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
-            "shear, gyro bias or a wrong accelerometer position are likely"
-        )
 
 
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:

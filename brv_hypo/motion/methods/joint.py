@@ -58,6 +58,7 @@ from brv_hypo.motion.smoother import (
     moment_measurement,
     walk_equations,
 )
+from brv_hypo.thresholds import FORCE_UNEXPLAINED
 
 MOTION_MOST_STEPS = 60  # of a search for the motion; bounds the time where it does not converge
 # A search ends where a step would lower the cost by less, the square of what anything moves in standard deviations: at
@@ -82,7 +83,6 @@ MOMENT_UNCORRELATED = 0.1  # to which the noise's correlation falls within its c
 FORCE_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 FORCE_ENOUGH = 0.1  # of alpha's rms: the force alone is enough where alpha is then known to this
 FORCE_FAR_LESS = 0.8  # of what was taken for noise: a slope that leaves less is chosen again
-FORCE_UNEXPLAINED = (0.1, 20.0)  # of its rms, and of its noise: from where no motion explains a force
 MOTION_LINEARISATIONS = 6  # at most, of the errors of the record, each about what was found of them
 MOTION_MOVED = 0.1  # of the crossflow's standard deviation, by which it moves: errors are linearised again
 
