@@ -287,7 +287,7 @@ def without_power(verdict: Verdict) -> Verdict:
     far = [each.mechanism for each in verdict.limits if not each.share_of_moment_95 < 1.0]
     if verdict.winner != NONE or not far or 2 * len(far) < len(verdict.limits):
         return verdict
-    said = f"{verdict.reason} But {', '.join(far)} may each have the whole moment: too little is excluded."
+    said = f"{verdict.reason} But {', '.join(far)} may each have the whole moment: the record excludes too little."
     return _described(verdict, None, said)
 
 

@@ -139,8 +139,9 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
     if effects and np.max(sizes) >= limits.FAR_TOLERANCES:
         worst = effects[int(np.argmax(sizes))]
         yield (
-            f"this motion takes {worst.effect} {worst.component} at {np.max(sizes):.2g} times its tolerance: if that "
-            "is right, alpha is wrong. State wider tolerances (--instruments), or take another window (--start, --stop)"
+            f"this motion takes {worst.effect} {worst.component} at {np.max(sizes):.2g} times its tolerance: where "
+            "that tolerance is right, alpha is wrong. State a wider one (--instruments), or take another window "
+            "(--start, --stop)"
         )
     if lost := gaps_of(flight):
         first, last = lost[0]

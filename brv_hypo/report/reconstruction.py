@@ -82,11 +82,12 @@ def reconstruction_document(result: Reconstruction) -> Document:
     rate = f"{flight.sample_rate:.4g} Hz, instruments {flight.instruments.described}"
     gyros, forces = number(result.gyro_sigma, 2), number(result.accel_sigma, 2)
     known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
+    more = f" (and {len(result.warnings) - 1} more)" if len(result.warnings) > 1 else ""
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
         subtitle=(flight.title or flight.path, f"{span}, {rate}"),
         conclusion_title="Motion",
-        conclusion=known if result.status == "ok" else f"{known}. Degraded: {'; '.join(result.warnings)}",
+        conclusion=known if result.status == "ok" else f"{known}. Degraded: {result.warnings[0]}{more}",
         decided=result.status == "ok",
         blocks=(
             Table(history_rows(result), words=("history", "unit")),

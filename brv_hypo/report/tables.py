@@ -251,7 +251,7 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     terms = [", ".join(f"{name} {number(size, 2)}" for name, size in each.coefficients_95.items()) for each in held]
     sizes = [f"{each.mechanism} {largest}" for each, largest in zip(held, terms, strict=True)]
     if rows:
-        said.append("In a part of the record; of what acts throughout, trim and the baseline may take up more.")
+        said.append("In a part: where it acts for a part of the record; throughout, trim and baseline hide more of it.")
     if sizes:
         said.append(f"For a quarter of the record or longer, at most: {'; '.join(sizes)}.")
     if any(each.share_of_moment_95 > 1.0 for each in known):
