@@ -239,7 +239,7 @@ def reconstruct(
         motion=motion,
         moments=moments,
         alpha_sigma=np.hypot(wind.alpha_sigma, motion.alpha_rate * clock),
-        alpha_sigma_on_clock=wind.alpha_sigma,
+        alpha_sigma_on_clock=wind.radial_sigma / np.cos(motion.alpha),
         phi_w_sigma=np.minimum(meridian_sigma, UNKNOWN_ANGLE),
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,

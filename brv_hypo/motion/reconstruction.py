@@ -43,19 +43,20 @@ class WindHistory:
     accel_sigma: float  # white noise of the accelerometers as estimated by the fit, m/s^2
     effects: EffectFit  # the estimated errors of the record
     warnings: tuple[str, ...] = ()  # what limits the result
+    wander: float = 0.0  # what both err by besides: gusts, where the force has more than its noise
     converged: bool = True  # whether the search for the motion ended
     normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
 
     @property
     def alpha_sigma(self) -> FloatArray:
         """Standard deviation of alpha (n,), rad."""
-        return np.asarray(self.radial_sigma / np.cos(angle_of_attack(self.crossflow)))
+        return np.asarray(np.hypot(self.radial_sigma, self.wander) / np.cos(angle_of_attack(self.crossflow)))
 
     @property
     def phi_w_sigma(self) -> FloatArray:
         """Standard deviation of the windward meridian (n,), rad; that of an unknown angle near alpha = 0."""
         size = np.maximum(np.abs(self.crossflow), 1e-12)
-        return np.asarray(np.minimum(self.tangential_sigma / size, UNKNOWN_ANGLE))
+        return np.asarray(np.minimum(np.hypot(self.tangential_sigma, self.wander) / size, UNKNOWN_ANGLE))
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Reconstruction(HasCharts, Histories):
     motion: Motion  # the most likely motion
     moments: MomentEstimate  # moments on it
     alpha_sigma: FloatArray  # standard deviation (n,) of alpha, rad, that by the clock included
-    alpha_sigma_on_clock: FloatArray  # the same without that by the clock
+    alpha_sigma_on_clock: FloatArray  # the same without that by the clock, and by wander of the velocity
     phi_w_sigma: FloatArray  # standard deviation (n,) of the windward meridian, rad, that by the clock included
     gravity_body: FloatArray  # (3,) m/s^2 in body axes at the first sample
     # C_Nalpha (n,) of the force at alpha = 0, 1/rad; NaN where the method does not estimate it

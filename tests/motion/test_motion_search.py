@@ -19,6 +19,7 @@ from brv_hypo.motion.signals import rms
 from brv_hypo.motion.smoother import MeasurementModel, slope_basis
 from brv_hypo.simulation import load_config, simulate
 from tests.shared_data import shared_file
+from tests.studies.independent.imperfect_study import drawn_flight
 
 
 @given(
@@ -83,3 +84,14 @@ def test_errors_of_a_measured_entry_leave_its_gravity(start: float) -> None:
     flight = whole.window(start, None)
     (series,) = compare([flight], mechanisms=["inplane"], maximum_likelihood="none").series
     assert rms(np.array(series.alpha_rad) - reconstruct(flight).motion.alpha) < np.radians(1.5)
+
+
+@pytest.mark.thorough
+def test_alpha_errs_as_stated_where_the_air_moves_as_no_tolerance_says() -> None:
+    """Gusts, shear and all other imperfections at half of their ordinary size: errors were 4 to 8 of their sigmas."""
+    ratios = []
+    for number in (6, 8, 11, 12):
+        made, _, _ = drawn_flight(1062000 + number, number, "tactical", "all")
+        found = reconstruct(made.flight)
+        ratios.append(rms(found.motion.alpha - made.true.alpha) / rms(found.alpha_sigma))
+    assert 0.3 < rms(np.array(ratios)) < 1.5

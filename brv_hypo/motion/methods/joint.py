@@ -10,6 +10,7 @@ the gyros lets it drift; the globals are its start, gravity, errors of the recor
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +84,8 @@ MOMENT_UNCORRELATED = 0.1  # to which the noise's correlation falls within its c
 FORCE_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 FORCE_ENOUGH = 0.1  # of alpha's rms: the force alone is enough where alpha is then known to this
 FORCE_FAR_LESS = 0.8  # of what was taken for noise: a slope that leaves less is chosen again
+WANDERS = 1.05  # of its noise that a motion leaves of a force: from there on the velocity is taken to wander
+WANDER_STEP, WANDER_MOST = 16.0, 1e6  # factors of the walk's variance: from one to the next, and at most
 MOTION_LINEARISATIONS = 6  # at most, of the errors of the record, each about what was found of them
 MOTION_MOVED = 0.1  # of the crossflow's standard deviation, by which it moves: errors are linearised again
 
@@ -177,6 +180,12 @@ class RandomWalkSmoother:
         variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
         self.step_variance = np.append(variance[0], variance)
         self.nose_start = start_from_nose(record)
+
+    def wandering(self, times: float) -> RandomWalkSmoother:
+        """The same problem with so many times the variance of the walk's steps."""
+        other = copy(self)
+        other.step_variance = times * self.step_variance
+        return other
 
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
@@ -386,7 +395,8 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True
     if perturbations:
         problem, near, left, converged = _linearised(record, config, perturbations)
-    fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
+    measurement = force_measurement(problem.record, problem.responses)
+    fit, wander = _with_force(problem, measurement, near, left), 0.0
     measured, warnings = problem.record.measured, tuple[str, ...]()
     alone, residual = _relative_error(fit, measured), fit.residual[measured]
     share = rms(residual) / max(rms(problem.record.transverse_force[measured]), 1e-150)
@@ -402,12 +412,15 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
             f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment measures "
             "the attitude to the wind as well",
         )
+    else:
+        wander = _wander(problem, fit, measurement.sigma)
     (radial, tangential), force, coefficients = fit.sigmas(), fit.measurements[0], fit.coefficients[0]
     return WindHistory(
         record=problem.record,
         crossflow=fit.crossflow,
         radial_sigma=radial,
         tangential_sigma=tangential,
+        wander=wander,
         gravity=fit.start.gravity,
         normal_force_slope=force.slope(coefficients).real,
         normal_force_bend=force.bend(coefficients),
@@ -483,6 +496,18 @@ def _with_force(
     clean = np.abs(residual) <= FORCE_OUTLIER * np.sqrt(2.0) * measurement.sigma * less
     sigma = np.where(clean, measurement.sigma, np.inf) * max(_misfit(residual[clean], measurement.sigma[clean]), 1.0)
     return problem.solve((replace(fit.measurements[-1], sigma=sigma),), fit.near)
+
+
+def _wander(problem: RandomWalkSmoother, fit: SmoothedMotion, sigma: FloatArray) -> float:
+    """How far the crossflow, rms of a component, is from where it would be if what the force has beyond its noise
+    (n,) were wander of the velocity, as by gusts, and no noise: one of the two it is.
+    """
+    used, other, times = np.isfinite(fit.measurements[0].sigma), fit, 1.0
+    measurement = replace(fit.measurements[0], sigma=np.where(used, sigma, np.inf))
+    while _misfit(other.residual[used], sigma[used]) > WANDERS and times < WANDER_MOST:
+        times *= WANDER_STEP
+        other = problem.wandering(times).solve((measurement,), other.near, MOTION_COMPARED)
+    return rms((other.crossflow - fit.crossflow)[used]) / float(np.sqrt(2.0))
 
 
 def _with_moment(problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel) -> SmoothedMotion:
