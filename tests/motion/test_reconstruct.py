@@ -233,11 +233,11 @@ def test_too_short_a_window_is_refused(truths: dict[str, Truth]) -> None:
 @pytest.mark.shared
 def test_opportunity_oscillates_more_and_more_as_it_slows_down() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), instruments="opportunity")
-    result = reconstruct(flight)
+    result = reconstruct_record(flight)
     alpha = np.degrees(result.motion.alpha)
     size = [float(np.sqrt(np.mean(alpha[flight.mach < top][:400] ** 2))) for top in (30.0, 12.0)]
     assert 1.0 < size[0] < size[1] < 6.0
-    assert np.degrees(result.alpha_rms_sigma) < 0.2  # the force has more than its noise: wind that changes, or its bend
+    assert np.degrees(result.alpha_rms_sigma) < 0.2
     assert np.linalg.norm(result.gravity_body) == pytest.approx(3.7, rel=0.1)
     assert result.status == "degraded"
     assert any("samples at 8 Hz; that of the strongest" in text for text in result.warnings)
