@@ -202,9 +202,8 @@ def linearised_about(
 ) -> tuple[Problem, Problem]:
     """The problem linearised about a point of it, errors that were found there taken out of the records.
 
-    With the processes of record and air, under white noise; and without, under the noise beside the fit's model, of
-    several flights beside the baseline. Where a record has no motion left without its errors, the records are
-    linearised as they read.
+    With the processes of record and air, under white noise; and without, under the noise beside the fit's model. Where
+    a record has no motion left without its errors, the records are linearised as they read.
     """
     try:
         records = _without_errors(settings, point)
@@ -216,11 +215,9 @@ def linearised_about(
     processes = record_processes()
     whole = _problem(records, settings, config, point, motions, processes)
     nuisances = whole.rows.nuisances.without(frozenset(each.name for each in processes))
-    bare = about = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
-    if len(records) == 1:
-        frame = bare.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
-        about = replace(bare, frame=frame, baseline=point.columns)
-    return whole, bare.under(estimated_noise(about))
+    bare = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
+    frame = bare.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
+    return whole, bare.under(estimated_noise(replace(bare, frame=frame, baseline=point.columns)))
 
 
 def _without_errors(settings: Settings, point: LinearisationPoint) -> list[Reconstruction]:
