@@ -393,14 +393,16 @@ class ForceModel:
     slope: FloatArray
     bend: float = 0.0
 
+    @cached_property
+    def _parabola(self) -> FloatArray:
+        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
         """Columns (n, 4) at the crossflow xi (n,)."""
-        own = effective(xi)
-        flow, square = -record.force_scale * own, np.abs(own) ** 2
-        parabola = np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
-        slopes = (flow * (self.slope + self.bend * square))[:, np.newaxis] * parabola
-        return np.column_stack([slopes, flow * self.slope * square])
+        return np.stack([self.at(record.force_scale, xi, each) for each in np.eye(4)], axis=1)
 
-    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
-        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
-        return np.asarray(self.columns(record, xi) @ values)
+    def at(self, scale: FloatArray, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n, ...) m/s^2 with these coefficients (4,) at crossflows xi (n, ...), q_inf S / m = `scale`."""
+        own, parabola = effective(xi).T, self._parabola @ values[:3]
+        slope = parabola * self.slope + (parabola * self.bend + values[3] * self.slope) * np.abs(own) ** 2
+        return np.asarray(-scale * (own * slope).T)
