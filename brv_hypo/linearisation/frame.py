@@ -218,10 +218,8 @@ Piece = tuple[int, int]
 # Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 300_000
 
-_Key = tuple[str, Theta]
-"""A mechanism's name and its nonlinear parameters."""
-_Place = tuple[Theta, str]
-"""The name of a term at these."""
+_Key = tuple[str, Theta]  # a mechanism's name and its nonlinear parameters
+_Place = tuple[Theta, str]  # the name of a term at these
 
 
 @dataclass(frozen=True)

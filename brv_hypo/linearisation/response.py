@@ -165,7 +165,7 @@ def linearisation_point(
 # ---- What a change of the record does to the residual ----
 
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
-RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 m/s^2 of gravity
+RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 sigma of gravity
 MotionUnknown = tuple[str, str, Histories, float, ComplexArray | None]
 """Name, component, derivative of the residual (n,), present value in units of the prior (NaN where there is none), and
 the noise (n,) rad/s that one unit of it is in the derolled rates.
@@ -199,11 +199,6 @@ class LinearisedFlight:
         motion = self.reconstruction.motion
         return spacing(motion.windward_meridian_rate, motion.p, self.record.flight.step, per_cycle)
 
-    @cached_property
-    def crossflow(self) -> ComplexArray:
-        """The reconstruction's crossflow (n,)."""
-        return self.reconstruction.crossflow
-
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
         return self._derivatives(wanted, self._read)
@@ -213,7 +208,7 @@ class LinearisedFlight:
         smooth, found = self._noise_free, []
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         flights = [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes]
-        moved = moved_records(smooth, self.crossflow, flights)
+        moved = moved_records(smooth, self.reconstruction.crossflow, flights)
         for (record, xi), (effect, component, value) in zip(moved, sizes, strict=True):
             read = effect.perturb(self._as_modelled, component, value)
             found.append((replace(record, flight=replace(record.flight, q=read.q, r=read.r)), xi))
@@ -234,7 +229,7 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        own, factors, kept = self._unintegrated([(smooth, self.crossflow)])
+        own, factors, kept = self._unintegrated([(smooth, self.reconstruction.crossflow)])
         nodes = self.reconstruction.nodes
         left = self._integrated(own, nodes.of(factors) * self._moments.usual(nodes.of(kept))).rates[:, 0]
         for a, b in smooth.flight.segments:
@@ -248,7 +243,9 @@ class LinearisedFlight:
 
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
-        return noise_free(self.record, self.force.at(self.record.force_scale, self.crossflow, self.force_values))
+        return noise_free(
+            self.record, self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
+        )
 
     def motion(self) -> Iterator[MotionUnknown]:
         """What the motion and the normal force are fitted by."""
@@ -258,7 +255,7 @@ class LinearisedFlight:
             read = partial(self._with_input_error, error.name)
             for k, history in enumerate(self._derivatives(shapes, read)):
                 yield error.name, str(k), history, 0.0, None
-        for k, column in enumerate(self.force.columns(self.record, self.crossflow).T):
+        for k, column in enumerate(self.force.columns(self.record, self.reconstruction.crossflow).T):
             yield "force", str(k), Histories(np.zeros_like(column), column), np.nan, None
 
     def _with_input_error(self, name: str, changes: Sequence[FloatArray], share: float) -> list[MovedRecord]:
@@ -268,7 +265,7 @@ class LinearisedFlight:
             read = [replace(flight, p=flight.p + share * each) for each in changes]
         else:
             read = [replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + share * x)) for x in changes]
-        return moved_records(self.record, self.crossflow, read)
+        return moved_records(self.record, self.reconstruction.crossflow, read)
 
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
         """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""
@@ -299,7 +296,7 @@ class LinearisedFlight:
         """Derivatives of the residual (n,) by changes (n,) of the motion alone."""
 
         def moved(some: Sequence[ComplexArray], share: float) -> list[MovedRecord]:
-            return [(self.record, self.crossflow + share * each) for each in some]
+            return [(self.record, self.reconstruction.crossflow + share * each) for each in some]
 
         return self._derivatives(changes, moved)
 

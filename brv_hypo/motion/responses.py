@@ -29,7 +29,6 @@ RESPONSE_STEP = 1e-2
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
 Moved = TypeVar("Moved")
-Found = TypeVar("Found")
 AT_ONCE = 60_000  # samples of perturbed records that are held at once, some 200 bytes each
 MOST_NAMED = 3  # errors named where none can be corrected
 
@@ -152,8 +151,8 @@ def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[Ine
 
 
 def half_steps(
-    samples: int, each: Iterable[Moved], moved: Callable[[list[Moved], float], Found]
-) -> Iterator[tuple[Found, Found]]:
+    samples: int, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[Any]]
+) -> Iterator[tuple[list[Any], list[Any]]]:
     """What half a step more and half a step less of each of some things makes, so many at once that it stays small.
 
     `moved` answers to things and a share of them; differences are to be divided by `RESPONSE_STEP`.
