@@ -19,9 +19,9 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import CROSSFLOW_FLOOR, Motion, crossflow, crossflow_rate, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.responses import MovedRecord
 
 MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, half the width of a moment's slope by it
 # The parts of the crossflow and of its rate, as names of quantities.
@@ -30,6 +30,7 @@ _TURNED = ("y", "z", "rate y", "rate z")
 _SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 _READ = (*_SCALARS, "q", "r")
 _BASELINE = (StaticMoment.name, PitchDamping.name)
+MovedRecord = tuple[InertialRecord, ComplexArray]  # a record of a flight's times, and its crossflow (n,)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy.integrate import cumulative_trapezoid
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.linearisation.channels import ForceModel, Histories
-from brv_hypo.linearisation.moment_model import MomentModel
+from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord, NominalMotion, WindStart, gravity_known, inertial_record
@@ -32,7 +32,7 @@ from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
 from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.responses import RESPONSE_STEP, Moved, MovedRecord, half_steps, moved_records, noise_free
+from brv_hypo.motion.responses import RESPONSE_STEP, Moved, half_steps, noise_free, perturbed
 
 WALK_FEWEST_MODES = 10  # sines of the attitude's random walk
 WALK_MOST_MODES = 80  # bounds the time
@@ -205,10 +205,10 @@ class LinearisedFlight:
 
     def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> list[MovedRecord]:
         """The noise-free record with a share of each error: motion of the measured rates, rates of the model."""
-        smooth, found = self._noise_free, []
+        smooth, found = self._noise_free.record, []
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         flights = [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes]
-        moved = moved_records(smooth, self.reconstruction.crossflow, flights)
+        moved = self._propagated(self._noise_free, flights)
         for (record, xi), (effect, component, value) in zip(moved, sizes, strict=True):
             read = effect.perturb(self._as_modelled, component, value)
             found.append((replace(record, flight=replace(record.flight, q=read.q, r=read.r)), xi))
@@ -228,7 +228,7 @@ class LinearisedFlight:
 
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
-        smooth = self._noise_free
+        smooth = self._noise_free.record
         own, factors, kept = self._unintegrated([(smooth, self.reconstruction.crossflow)])
         nodes = self.reconstruction.nodes
         left = self._integrated(own, nodes.of(factors) * self._moments.usual(nodes.of(kept))).rates[:, 0]
@@ -238,14 +238,23 @@ class LinearisedFlight:
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     @cached_property
-    def _noise_free(self) -> InertialRecord:
-        """The record as it would read without noise: smoothed rates, the fitted force.
+    def _noise_free(self) -> NominalMotion:
+        """That of the record as it would read without noise: smoothed rates, the fitted force.
 
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
-        return noise_free(
-            self.record, self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
-        )
+        force = self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
+        return NominalMotion(noise_free(self.record, force), self.reconstruction.start)
+
+    def _propagated(self, nominal: NominalMotion, flights: Sequence[Flight]) -> list[MovedRecord]:
+        """The records of flights that differ little, with their crossflows (n,) had the motion started as it did.
+
+        As motions are propagated once errors are out of the record: `drift` would not follow what the air's speed
+        changes otherwise than forces change it, and so the next motion would not be the one that was fitted.
+        """
+        motions = (NominalMotion(each, nominal.start) for each in perturbed(nominal.record, flights))
+        here = self.reconstruction.crossflow - nominal.crossflow
+        return [(each.record, here + each.crossflow) for each in motions]
 
     def motion(self) -> Iterator[MotionUnknown]:
         """What the motion and the normal force are fitted by."""
@@ -265,7 +274,7 @@ class LinearisedFlight:
             read = [replace(flight, p=flight.p + share * each) for each in changes]
         else:
             read = [replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + share * x)) for x in changes]
-        return moved_records(self.record, self.reconstruction.crossflow, read)
+        return self._propagated(self._nominal, read)
 
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
         """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""

@@ -1,6 +1,6 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`perturbed` gives the inertial record under it, `moved_records` its motion with it, and `half_steps` both sides of a
+`perturbed` gives the inertial record under it, and `half_steps` both sides of a
 central difference about a noise-free flight: smoothed rates, speed and pressure, and the normal force as fitted. A
 regressor made from measured channels would hold the noise of the response, and find itself. `effect_responses` are the
 differences as the reconstruction takes them, those of `compare` are in brv_hypo/linearisation/response.py.
@@ -107,18 +107,6 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
     """Acceleration (n, 3) m/s^2 that the declared arm of a flight makes of a record's rates."""
     p_change, arm = np.gradient(flight.p, flight.time), flight.vehicle.accelerometer_position
     return arm_acceleration(flight.p, p_change, record.transverse_rate, record.rate_change, arm)
-
-
-MovedRecord = tuple[InertialRecord, ComplexArray]
-"""A record of a flight's times, and its crossflow (n,)."""
-
-
-def moved_records(record: InertialRecord, crossflow: ComplexArray, flights: Sequence[Flight]) -> list[MovedRecord]:
-    """The inertial records of flights that differ little from the one of `record`, with their crossflows."""
-    records = perturbed(record, flights)
-    changes = np.einsum("nji,njk->nik", record.attitude, drift(record, crossflow, records))
-    across = (changes[:, 1] + 1j * changes[:, 2]) / record.flight.velocity[:, np.newaxis]
-    return [(each, crossflow + change) for each, change in zip(records, across.T, strict=True)]
 
 
 def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
