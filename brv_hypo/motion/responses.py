@@ -1,9 +1,9 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`perturbed` gives the inertial record under it, and `half_steps` both sides of a
-central difference about a noise-free flight: smoothed rates, speed and pressure, and the normal force as fitted. A
-regressor made from measured channels would hold the noise of the response, and find itself. `effect_responses` are the
-differences as the reconstruction takes them, those of `compare` are in brv_hypo/linearisation/response.py.
+`perturbed` gives the inertial record under it, `half_steps` both sides of a central difference about a noise-free
+flight: smoothed rates, speed and pressure, and the normal force as fitted. A regressor made from measured channels
+would hold the noise of the response, and find itself. `effect_responses` are the differences as a reconstruction needs
+them, whose motion moves by `drift`; brv_hypo/linearisation/response.py has those of `compare`.
 """
 
 from __future__ import annotations
