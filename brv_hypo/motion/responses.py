@@ -133,8 +133,8 @@ def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[Ine
     found = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
     for k, other in enumerate(records):
         if other.attitude is not record.attitude:
-            seen = other.to_body(found[:, :, k] + velocity)
-            found[:, :, k] = np.einsum("nij,nj->ni", record.attitude, seen) - velocity
+            turned = other.to_body(found[:, :, k] + velocity)
+            found[:, :, k] = np.einsum("nij,nj->ni", record.attitude, turned) - velocity
     return found
 
 
