@@ -38,14 +38,12 @@ NOISE_STRETCHES = 16  # of time, that the spectrum is the median of
 NOISE_SHORTEST_STRETCH = 32  # samples
 NOISE_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 NOISE_LEAKS = 2.0  # lines over which one of them leaks under a Hann window: half its main lobe
-NOISE_COLOURS = (0.0, 0.98, 99)  # correlations of neighbouring samples that are tried
+NOISE_COLOURS = np.linspace(0.0, 0.98, 99)  # correlations of neighbouring samples that are tried
 NOISE_ALLOWED_FALL = 1.0  # of 2 ln L, that a correlation seen elsewhere may bring: one sigma
 NOISE_CORRELATED = 2.0  # sigmas of a correlation below which samples count as independent from there on
 NOISE_MOST_LAG = 50  # samples to which that is looked for
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
-# Correlations of neighbouring samples that are tried.
-_COLOURS = np.linspace(*NOISE_COLOURS)
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,7 @@ def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float
     def colours_from(lowest: float) -> tuple[FloatArray, FloatArray]:
         """Level and -2 ln L of each colour, frequencies from this one."""
         noisy = frequency >= min(lowest, 0.5 * np.pi)
-        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency[noisy])
+        shapes = inverse_spectrum(NOISE_COLOURS[:, np.newaxis], frequency[noisy])
         levels = np.mean(lasting[noisy] * shapes, axis=1)
         return levels, values * np.mean(noisy) * (np.log(levels) - np.mean(np.log(shapes), axis=1))
 
@@ -143,7 +141,7 @@ def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float
     allowed = np.flatnonzero(fall <= np.min(fall) + NOISE_ALLOWED_FALL)
     shown = int(np.argmin(colours_from(motion + NOISE_LEAKS * line)[1]))
     chosen = int(np.clip(shown, allowed[0], allowed[-1]))
-    return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(_COLOURS[chosen]))
+    return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(NOISE_COLOURS[chosen]))
 
 
 def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
@@ -393,14 +391,16 @@ class ForceModel:
     slope: FloatArray
     bend: float = 0.0
 
+    @cached_property
+    def _parabola(self) -> FloatArray:
+        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
+
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
         """Columns (n, 4) at the crossflow xi (n,)."""
-        own = effective(xi)
-        flow, square = -record.force_scale * own, np.abs(own) ** 2
-        parabola = np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
-        slopes = (flow * (self.slope + self.bend * square))[:, np.newaxis] * parabola
-        return np.column_stack([slopes, flow * self.slope * square])
+        return np.stack([self.at(record.force_scale, xi, each) for each in np.eye(4)], axis=1)
 
-    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
-        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
-        return np.asarray(self.columns(record, xi) @ values)
+    def at(self, scale: FloatArray, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n, ...) m/s^2 with these coefficients (4,) at crossflows xi (n, ...), q_inf S / m = `scale`."""
+        own, parabola = effective(xi).T, self._parabola @ values[:3]
+        slope = parabola * self.slope + (parabola * self.bend + values[3] * self.slope) * np.abs(own) ** 2
+        return np.asarray(-scale * (own * slope).T)

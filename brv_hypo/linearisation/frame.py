@@ -14,6 +14,7 @@ shares it.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -30,7 +31,7 @@ from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.interpolation import Quadrature, SplineGrid, running_integral
-from brv_hypo.motion.motion import Motion, body_from_plane, recorded
+from brv_hypo.motion.motion import Motion, with_in_plane_moment
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import derivatives
 
@@ -217,10 +218,8 @@ Piece = tuple[int, int]
 # Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 300_000
 
-_Key = tuple[str, Theta]
-"""A mechanism's name and its nonlinear parameters."""
-_Place = tuple[Theta, str]
-"""The name of a term at these."""
+_Key = tuple[str, Theta]  # a mechanism's name and its nonlinear parameters
+_Place = tuple[Theta, str]  # the name of a term at these
 
 
 @dataclass(frozen=True)
@@ -364,7 +363,7 @@ class RateFrame:
         if self.design:
             moments = tuple(own + known for own, known in zip(moments, self.design, strict=True))
         pairs = zip(self.finer, moments, strict=True)
-        out = replace(self, finer=tuple(recorded(replace(one, in_plane_moment=moment)) for one, moment in pairs))
+        out = replace(self, finer=tuple(itertools.starmap(with_in_plane_moment, pairs)))
         out._evaluated.update({key: it for key, it in self._evaluated.items() if self.mechanisms[key[0]].wind_fixed})
         return out
 
@@ -406,10 +405,8 @@ class RateFrame:
             for motion in self._shown:
                 terms = {(theta, t.name): t for theta in thetas for t in mechanism.terms(motion, dict(theta))}
                 position = {term: k for k, term in enumerate(terms)}
-                found = np.empty((motion.time.size, len(terms)), dtype=complex)
-                for k, term in enumerate(terms.values()):
-                    found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
-                moments.append(body_from_plane(found.real, found.imag, motion.windward_meridian[:, np.newaxis]))
+                body = [motion.to_body(term.in_plane, term.out_of_plane) for term in terms.values()]
+                moments.append(np.stack(body, axis=1))
             pairs = [(s, s.nodes.factor[:, np.newaxis] * moments[s.flight][s.nodes.rows]) for s in self.segments]
             shapes = _Shapes(position, tuple(moments), tuple(s.integrate(weighted) for s, weighted in pairs))
             self._evaluated.update({(name, theta): shapes for theta in thetas})

@@ -20,7 +20,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import CROSSFLOW_FLOOR, Motion, crossflow, crossflow_rate, recorded, with_crossflow
+from brv_hypo.motion.motion import CROSSFLOW_FLOOR, Motion, crossflow, crossflow_rate, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 
 MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, half the width of a moment's slope by it
@@ -30,10 +30,7 @@ _TURNED = ("y", "z", "rate y", "rate z")
 _SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 _READ = (*_SCALARS, "q", "r")
 _BASELINE = (StaticMoment.name, PitchDamping.name)
-
-
-MovedRecord = tuple[InertialRecord, ComplexArray]
-"""A record of a flight's times, and its crossflow (n,)."""
+MovedRecord = tuple[InertialRecord, ComplexArray]  # a record of a flight's times, and its crossflow (n,)
 
 
 @dataclass(frozen=True)
@@ -45,11 +42,6 @@ class MomentModel:
     columns: tuple[Regressor, ...]
     values: FloatArray
     motion: Motion
-
-    def about(self, moved: MovedRecord, usual: MovedRecord) -> MomentModel:
-        """The same about the motion of a record that differs little from the usual one."""
-        changes = {name: change[:, 0] for name, change in self._differences([moved], [usual]).items()}
-        return replace(self, motion=recorded(_changed(self.motion, changes, _quantities(self.motion))))
 
     def usual(self, kept: FloatArray) -> ComplexArray:
         """C_m + i C_n at the nodes (m, records).

@@ -14,7 +14,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -25,23 +25,14 @@ from brv_hypo.linearisation.channels import ForceModel, Histories
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.inertial import (
-    InertialRecord,
-    WindStart,
-    body_crossflow,
-    gravity_known,
-    inertial_record,
-    transverse_axes,
-    wind_direction,
-    wind_to_body,
-)
+from brv_hypo.motion.inertial import InertialRecord, NominalMotion, WindStart, gravity_known, inertial_record
 from brv_hypo.motion.inputs import ROLL_RATE, smoothed_inputs
 from brv_hypo.motion.interpolation import SplineGrid, running_integral, spacing
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
 from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, noise_free, perturbed
+from brv_hypo.motion.responses import RESPONSE_STEP, Moved, half_steps, noise_free, perturbed
 
 WALK_FEWEST_MODES = 10  # sines of the attitude's random walk
 WALK_MOST_MODES = 80  # bounds the time
@@ -97,7 +88,7 @@ def walk_name(axis: str, number: int) -> str:
 
 def gravity_axes(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
     """Mean (3,) of what is known of gravity, and independent errors of it, 1-sigma each (3, 3), in columns."""
-    mean, information = gravity_known(record, start)
+    mean, information = gravity_known(NominalMotion(record, start))
     sizes, axes = np.linalg.eigh(information)
     return mean, axes / np.sqrt(sizes)
 
@@ -112,27 +103,24 @@ class PropagatedMotion:
     @classmethod
     def of(cls, record: InertialRecord, reconstruction: Reconstruction) -> PropagatedMotion:
         """That of a reconstruction."""
-        direction = wind_direction(record, reconstruction.start)
-        offset = reconstruction.crossflow - body_crossflow(record, direction)
-        return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, transverse_axes(direction)))))
+        nominal = NominalMotion(record, reconstruction.start)
+        offset = reconstruction.crossflow - nominal.crossflow
+        return cls(reconstruction.start, np.asarray(offset * np.conj(nominal.turn)))
 
     def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
         """The motion without what a fit about it found too much, by (MOTION, name)."""
-        first, second = (found.get((MOTION, name), 0.0) for name in START)
-        across, beside = transverse_axes(self.start.direction[np.newaxis])
-        direction = self.start.direction - first * across[0] - second * beside[0]
+        across = complex(*(found.get((MOTION, name), 0.0) for name in START))
         pull = gravity_axes(record, self.start)[1] @ [found.get((MOTION, name), 0.0) for name in GRAVITY_ERRORS]
         count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
         weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
         return PropagatedMotion(
-            WindStart(direction / np.linalg.norm(direction), self.start.gravity - pull),
+            self.start.moved(-across, -pull),
             self.walk - walk_sines(record, count)[0] @ np.array(weights, dtype=complex),
         )
 
     def crossflow(self, record: InertialRecord) -> ComplexArray:
         """The crossflow (n,) of a record that moves so."""
-        direction = wind_direction(record, self.start)
-        return body_crossflow(record, direction) + wind_to_body(record, transverse_axes(direction)) * self.walk
+        return NominalMotion(record, self.start).with_offset(self.walk)
 
 
 def linearisation_point(
@@ -177,8 +165,7 @@ def linearisation_point(
 # ---- What a change of the record does to the residual ----
 
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
-RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 m/s^2 of gravity
-Moved = TypeVar("Moved")
+RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 sigma of gravity
 MotionUnknown = tuple[str, str, Histories, float, ComplexArray | None]
 """Name, component, derivative of the residual (n,), present value in units of the prior (NaN where there is none), and
 the noise (n,) rad/s that one unit of it is in the derolled rates.
@@ -212,36 +199,27 @@ class LinearisedFlight:
         motion = self.reconstruction.motion
         return spacing(motion.windward_meridian_rate, motion.p, self.record.flight.step, per_cycle)
 
-    @cached_property
-    def crossflow(self) -> ComplexArray:
-        """The reconstruction's crossflow (n,)."""
-        return self.reconstruction.crossflow
-
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
-        return self._derivatives(self._quiet_moments, wanted, self._read)
+        return self._derivatives(wanted, self._read)
 
     def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> list[MovedRecord]:
         """The noise-free record with a share of each error: motion of the measured rates, rates of the model."""
-        smooth, found = self._noise_free, []
+        smooth, found = self._noise_free.record, []
         sizes = [(effect, component, share * size) for effect, component, size in errors]
-        records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
-        for record, (effect, component, value) in zip(records, sizes, strict=True):
+        flights = [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes]
+        moved = self._propagated(self._noise_free, flights)
+        for (record, xi), (effect, component, value) in zip(moved, sizes, strict=True):
             read = effect.perturb(self._as_modelled, component, value)
-            found.append(replace(record, flight=replace(record.flight, q=read.q, r=read.r)))
-        return self._propagated(found)
+            found.append((replace(record, flight=replace(record.flight, q=read.q, r=read.r)), xi))
+        return found
 
     def _derivatives(
-        self, moments: MomentModel, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[MovedRecord]]
+        self, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[MovedRecord]]
     ) -> Iterator[Histories]:
-        """Derivatives of the residual (n,) by each of some things; `moved` has the records that a share of each makes.
-
-        So many at once that the records stay small, to either side.
-        """
-        remaining = iter(each)
-        while some := list(itertools.islice(remaining, 1 + AT_ONCE // (2 * self.record.flight.samples))):
-            more, less = (moved(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
-            found = self._changes(moments, more, less).times(1.0 / RESPONSE_STEP)
+        """Derivatives of the residual (n,) by each of some things; `moved`: records with a share of each."""
+        for more, less in half_steps(self.record.flight.samples, each, moved):
+            found = self._changes(more, less).times(1.0 / RESPONSE_STEP)
             yield from map(Histories, found.rates.T, found.force.T)
 
     @cached_property
@@ -250,22 +228,33 @@ class LinearisedFlight:
 
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
-        smooth = self._noise_free
-        own, factors, kept = self._unintegrated(self._propagated([smooth]))
+        smooth = self._noise_free.record
+        own, factors, kept = self._unintegrated([(smooth, self.reconstruction.crossflow)])
         nodes = self.reconstruction.nodes
-        left = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept))).rates[:, 0]
+        left = self._integrated(own, nodes.of(factors) * self._moments.usual(nodes.of(kept))).rates[:, 0]
         for a, b in smooth.flight.segments:
             left[a:b] -= left[a:b].mean()
         rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     @cached_property
-    def _noise_free(self) -> InertialRecord:
-        """The record as it would read without noise: smoothed rates, the fitted force.
+    def _noise_free(self) -> NominalMotion:
+        """That of the record as it would read without noise: smoothed rates, the fitted force.
 
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
-        return noise_free(self.record, self.force.at(self.record, self.crossflow, self.force_values))
+        force = self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
+        return NominalMotion(noise_free(self.record, force), self.reconstruction.start)
+
+    def _propagated(self, nominal: NominalMotion, flights: Sequence[Flight]) -> list[MovedRecord]:
+        """The records of flights that differ little, with their crossflows (n,) had the motion started as it did.
+
+        As motions are propagated once errors are out of the record: `drift` would not follow what the air's speed
+        changes otherwise than forces change it, and so the next motion would not be the one that was fitted.
+        """
+        motions = (NominalMotion(each, nominal.start) for each in perturbed(nominal.record, flights))
+        here = self.reconstruction.crossflow - nominal.crossflow
+        return [(each.record, here + each.crossflow) for each in motions]
 
     def motion(self) -> Iterator[MotionUnknown]:
         """What the motion and the normal force are fitted by."""
@@ -273,9 +262,9 @@ class LinearisedFlight:
         for error in self.reconstruction.input_errors:
             shapes = error.shapes(self.record.flight.time)
             read = partial(self._with_input_error, error.name)
-            for k, history in enumerate(self._derivatives(self._moments, shapes, read)):
+            for k, history in enumerate(self._derivatives(shapes, read)):
                 yield error.name, str(k), history, 0.0, None
-        for k, column in enumerate(self.force.columns(self.record, self.crossflow).T):
+        for k, column in enumerate(self.force.columns(self.record, self.reconstruction.crossflow).T):
             yield "force", str(k), Histories(np.zeros_like(column), column), np.nan, None
 
     def _with_input_error(self, name: str, changes: Sequence[FloatArray], share: float) -> list[MovedRecord]:
@@ -285,62 +274,56 @@ class LinearisedFlight:
             read = [replace(flight, p=flight.p + share * each) for each in changes]
         else:
             read = [replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + share * x)) for x in changes]
-        return self._propagated(perturbed(self.record, read))
+        return self._propagated(self._nominal, read)
 
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
         """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""
         start = self.reconstruction.start
         mean, errors = gravity_axes(self.record, start)
-        sizes = np.linalg.norm(errors, axis=0)
-        across = [RESPONSE_TURN * axis[0] for axis in transverse_axes(start.direction[np.newaxis])]
-        changes = [*(("direction", each) for each in across), *(("gravity", each) for each in (errors / sizes).T)]
-
-        def moved(some: Sequence[tuple[str, FloatArray]], share: float) -> list[MovedRecord]:
-            starts = [replace(start, **{name: getattr(start, name) + share * each}) for name, each in some]
-            return [each for other in starts for each in self._propagated([self.record], other)]
-
-        present = [np.nan, np.nan, *np.linalg.solve(errors, start.gravity - mean).tolist()]
-        per_unit = [*[1.0 / RESPONSE_TURN] * 2, *sizes.tolist()]
-        found = self._derivatives(self._moments, changes, moved)
-        for name, change, unit, value in zip((*START, *GRAVITY_ERRORS), found, per_unit, present, strict=True):
-            yield MOTION, name, change.times(unit), value, None
+        by_start = self._nominal.by_start(lambda moved: moved.with_offset(self._walk))
+        found = self._by_crossflow(np.column_stack([RESPONSE_TURN * by_start[:, :2], by_start[:, 2:] @ errors]).T)
+        for name in START:
+            yield MOTION, name, next(found).times(1.0 / RESPONSE_TURN), np.nan, None
+        for name, value in zip(GRAVITY_ERRORS, np.linalg.solve(errors, start.gravity - mean).tolist(), strict=True):
+            yield MOTION, name, next(found), value, None
 
     def random_walk(self) -> Iterator[MotionUnknown]:
         """What the gyros' white noise makes of the attitude: sines of a random walk across the velocity, of prior 1.
 
         The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
         """
-        turn = wind_to_body(self.record, transverse_axes(wind_direction(self.record, self.reconstruction.start)))
         walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
-        weights = np.linalg.lstsq(walk, PropagatedMotion.of(self.record, self.reconstruction).walk, rcond=None)[0]
-        derolled = turn * np.exp(1j * self.record.spin_angle)
+        weights = np.linalg.lstsq(walk, self._walk, rcond=None)[0]
+        derolled = self._nominal.turn * np.exp(1j * self.record.spin_angle)
         modes = [(axis, part, k) for k in range(weights.size) for axis, part in (("y", 1.0), ("z", 1j))]
-
-        def moved(some: Sequence[tuple[str, complex, int]], share: float) -> list[MovedRecord]:
-            return [(self.record, self.crossflow + share * part * turn * walk[:, k]) for _, part, k in some]
-
-        found = self._derivatives(self._moments, modes, moved)
+        found = self._by_crossflow(part * self._nominal.turn * walk[:, k] for _, part, k in modes)
         for (axis, part, k), change in zip(modes, found, strict=True):
             present = float((weights[k] / part).real)
             yield MOTION, walk_name(axis, k), change, present, 1j * part * derolled * noise[:, k]
 
-    def _propagated(self, records: Iterable[InertialRecord], start: WindStart | None = None) -> list[MovedRecord]:
-        """Each record with its crossflow (n,) had the motion started there, or as the reconstruction has it."""
-        start = start or self.reconstruction.start
-        flows = ((each, body_crossflow(each, wind_direction(each, start))) for each in records)
-        return [(record, self.crossflow + (flow - self._open_loop)) for record, flow in flows]
+    def _by_crossflow(self, changes: Iterable[ComplexArray]) -> Iterator[Histories]:
+        """Derivatives of the residual (n,) by changes (n,) of the motion alone."""
+
+        def moved(some: Sequence[ComplexArray], share: float) -> list[MovedRecord]:
+            return [(self.record, self.reconstruction.crossflow + share * each) for each in some]
+
+        return self._derivatives(changes, moved)
 
     @cached_property
-    def _open_loop(self) -> ComplexArray:
-        return body_crossflow(self.record, wind_direction(self.record, self.reconstruction.start))
+    def _walk(self) -> ComplexArray:
+        return PropagatedMotion.of(self.record, self.reconstruction).walk
 
-    def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Histories:
+    @cached_property
+    def _nominal(self) -> NominalMotion:
+        return NominalMotion(self.record, self.reconstruction.start)
+
+    def _changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Histories:
         """What the residuals (n, records) of some records have more than those of others."""
         nodes = self.reconstruction.nodes
         (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
-        changes = moments.changes(more, less, nodes.of(kept - other_kept))
+        changes = self._moments.changes(more, less, nodes.of(kept - other_kept))
         integrands = nodes.of(0.5 * (factors + other_factors)) * changes
-        integrands += nodes.of(factors - other_factors) * moments.usual(nodes.of(0.5 * (kept + other_kept)))
+        integrands += nodes.of(factors - other_factors) * self._moments.usual(nodes.of(0.5 * (kept + other_kept)))
         return self._integrated(own - others, integrands)
 
     def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[Histories, ComplexArray, FloatArray]:
@@ -353,10 +336,12 @@ class LinearisedFlight:
         turn: ComplexArray = np.stack([turns[id(record.spin_angle)] for record in records], axis=1)
         rates = np.stack([each.flight.q + 1j * each.flight.r for each in records], axis=1)
         scale = np.stack([each.moment_scale for each in records], axis=1)
-        residual = [each.transverse_force - self.force.at(each, xi, self.force_values) for each, xi in moved]
+        force = np.stack([each.transverse_force for each in records], axis=1)
+        scales = np.stack([each.force_scale for each in records], axis=1)
+        force -= self.force.at(scales, np.stack([xi for _, xi in moved], axis=1), self.force_values)
         usual = self.record.moment_scale[:, np.newaxis]
         kept = np.divide(usual, scale, out=np.ones_like(scale), where=scale != 0.0)
-        return Histories(rates * turn, np.stack(residual, axis=1)), turn * scale, kept
+        return Histories(rates * turn, force), turn * scale, kept
 
     def _integrated(self, own: Histories, integrands: ComplexArray) -> Histories:
         """The residual (n, records) with its moments, which are integrated at once."""
@@ -371,9 +356,3 @@ class LinearisedFlight:
         """The moment model about the motion."""
         motion = self.reconstruction.motion_at_nodes
         return MomentModel(self.reconstruction, self.mechanisms, self.columns, self.values, motion)
-
-    @cached_property
-    def _quiet_moments(self) -> MomentModel:
-        """The moment model about the noise-free record's."""
-        (quiet,) = self._propagated([self._noise_free])
-        return self._moments.about(quiet, (self.record, self.crossflow))

@@ -9,13 +9,14 @@ The attitude comes by way of the de-rolled axes, which turn with the body but fo
 transverse pair is y + i z times exp(i roll). What is left to integrate varies with the slow pitching motion only,
 whatever the roll rate. The magnitude of V is the speed through still air; what turns the air's flow is divided by the
 speed relative to the air, the record's `velocity`, which a wind along the track changes. `start_from_nose` is the start
-of the angular rate method (Section 3.2.1), `wind_direction` the direction of the velocity from a start.
+of the angular rate method (Section 3.2.1), `NominalMotion` what a record makes of a start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from brv_hypo.motion.motion import unit
 from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, white_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
+START_STEP = 1e-7  # rad, and of gravity's size, in derivatives by the start
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 FAR_OFF_AXIS = 0.9  # cosine to an axis, beyond which axes across are built on the next
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
@@ -98,6 +100,13 @@ class InertialRecord:
     def force_inertial(self) -> FloatArray:
         """Specific force at the c.g. in the axes of the first sample (n, 3), m/s^2."""
         return np.asarray(np.einsum("nij,nj->ni", self.attitude, self.force))
+
+    @cached_property
+    def force_impulse(self) -> FloatArray:
+        """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
+        impulse: FloatArray = running_integral(self.time, self.force_inertial)
+        wind = self.flight.wind
+        return impulse if wind is None else impulse - (wind - wind[0])
 
     def to_body(self, vectors: FloatArray) -> FloatArray:
         """Vectors (n, 3) in the axes of the first sample, turned into body axes."""
@@ -238,6 +247,12 @@ class WindStart:
     direction: FloatArray
     gravity: FloatArray
 
+    def moved(self, across: complex, gravity: FloatArray) -> WindStart:
+        """A start that is turned by so many rad along its two transverse axes, under so much more gravity (3,)."""
+        second, third = (axis[0] for axis in transverse_axes(self.direction[np.newaxis]))
+        direction = self.direction + across.real * second + across.imag * third
+        return WindStart(direction / np.linalg.norm(direction), self.gravity + gravity)
+
 
 def gravity_magnitude(flight: Flight) -> float | None:
     """Gravity in m/s^2 at the record's mean altitude; None for a planet that is not known."""
@@ -253,35 +268,11 @@ def gravity_size(flight: Flight) -> float:
     return gravity_magnitude(flight) or FREE_GRAVITY
 
 
-def gravity_known(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
-    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample.
-
-    Its size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
-    altitude h loses: g . integral of V u dt = |g| (h_0 - h).
-    """
-    flight, size = record.flight, gravity_size(record.flight)
-    information, right = np.eye(3) / size**2, np.zeros(3)
-    if gravity_magnitude(flight) is None:
-        return right, information
-    if (pull := float(np.linalg.norm(start.gravity))) > 0.0:
-        down = start.gravity / (pull * GRAVITY_KNOWN * size)
-        information, right = information + np.outer(down, down), down / GRAVITY_KNOWN
-    if flight.altitude is not None and (known := np.flatnonzero(np.isfinite(flight.altitude))).size >= HEIGHTS:
-        path = running_integral(record.time, flight.velocity[:, np.newaxis] * wind_direction(record, start))
-        rows = np.column_stack([path / size, record.time, -flight.altitude])
-        means = np.stack([rows[part].mean(axis=0) for part in np.array_split(known, HEIGHTS)])
-        columns, elapsed, lost = np.split(means - means[0], [3, 4], axis=1)
-        off = np.hstack([max(flight.instruments.wind) * elapsed, HEIGHT_KNOWN * lost, np.full_like(lost, HEIGHT_READ)])
-        weighted = np.linalg.solve(off @ off.T + HEIGHT_READ**2 * np.eye(HEIGHTS), columns)
-        information, right = information + weighted.T @ columns, right + (weighted.T @ lost)[:, 0]
-    return np.asarray(np.linalg.solve(information, right), dtype=float), information
-
-
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     speed = record.flight.velocity
     if forces:
-        pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+        pulled = speed[0] * start.direction + record.force_impulse + record.time[:, None] * start.gravity
         size = np.linalg.norm(pulled, axis=1)
         direction, more = pulled / size[:, None], speed - size
         # What changes the speed acts along the velocity v: v' = |v| u' + |v|' u has the airspeed's V' in place of |v|',
@@ -292,22 +283,6 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
         turned = running_integral(record.time, start.gravity / speed[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
-
-
-def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:
-    """The part of impulses (n, 3, k) m/s that acted across the velocity, of direction (n, 3), and has turned it."""
-    steps, along = np.diff(impulse, axis=0), 0.5 * (direction[1:] + direction[:-1])
-    steps -= along[:, :, np.newaxis] * np.einsum("ni,nik->nk", along, steps)[:, np.newaxis]
-    out = np.zeros_like(impulse)
-    np.cumsum(steps, axis=0, out=out[1:])
-    return out
-
-
-def force_impulse(record: InertialRecord) -> FloatArray:
-    """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
-    impulse: FloatArray = running_integral(record.time, record.force_inertial)
-    wind = record.flight.wind
-    return impulse if wind is None else impulse - (wind - wind[0])
 
 
 def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArray:
@@ -329,10 +304,74 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     return second, third
 
 
-def wind_to_body(record: InertialRecord, axes: tuple[FloatArray, FloatArray]) -> ComplexArray:
-    """Unit number (n,) that turns a transverse pair from wind axes, these `transverse_axes`, into body axes."""
-    second, third = (record.to_body(axis) for axis in axes)
-    return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
+@dataclass(frozen=True)
+class NominalMotion:
+    """What gyros and accelerometers alone make of a start; what is off it is told in its wind axes."""
+
+    record: InertialRecord
+    start: WindStart
+
+    @cached_property
+    def direction(self) -> FloatArray:
+        """Unit velocity (n, 3) in the axes of the first sample."""
+        return wind_direction(self.record, self.start)
+
+    @cached_property
+    def crossflow(self) -> ComplexArray:
+        """Its crossflow (n,)."""
+        return body_crossflow(self.record, self.direction)
+
+    @cached_property
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Its wind axes, two (n, 3) across the velocity."""
+        return transverse_axes(self.direction)
+
+    @cached_property
+    def turn(self) -> ComplexArray:
+        """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
+        second, third = (body_crossflow(self.record, axis) for axis in self.axes)
+        return unit(second - 1j * third)
+
+    def across(self, vectors: FloatArray, rows: slice = slice(None)) -> ComplexArray:
+        """Transverse pairs (rows, k) in wind axes of velocities (rows, 3, k) that the vehicle has too much of."""
+        second, third = (np.einsum("ni,nik->nk", axis[rows], vectors) for axis in self.axes)
+        return np.asarray(-(second + 1j * third))
+
+    def with_offset(self, offset: ComplexArray) -> ComplexArray:
+        """The crossflow (n,) of a motion that is off it by so many rad (n,) in wind axes."""
+        return np.asarray(self.crossflow + self.turn * offset)
+
+    def by_start(self, crossflow: Callable[[NominalMotion], ComplexArray]) -> ComplexArray:
+        """Change (n, 5) of a crossflow per rad of the start along its axes, and per m/s^2 of gravity along x, y, z."""
+        size = START_STEP * np.array([1.0, 1.0, *np.full(3, gravity_size(self.record.flight))])
+        starts = [self.start.moved(complex(*step[:2]), step[2:]) for step in np.diag(size)]
+        ends = np.stack([crossflow(NominalMotion(self.record, start)) for start in starts], axis=1)
+        return np.asarray((ends - crossflow(self)[:, np.newaxis]) / size)
+
+
+def gravity_known(nominal: NominalMotion) -> tuple[FloatArray, FloatArray]:
+    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample.
+
+    Its size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
+    altitude h loses: g . integral of V u dt = |g| (h_0 - h).
+    """
+    record, start = nominal.record, nominal.start
+    flight, size = record.flight, gravity_size(record.flight)
+    information, right = np.eye(3) / size**2, np.zeros(3)
+    if gravity_magnitude(flight) is None:
+        return right, information
+    if (pull := float(np.linalg.norm(start.gravity))) > 0.0:
+        down = start.gravity / (pull * GRAVITY_KNOWN * size)
+        information, right = information + np.outer(down, down), down / GRAVITY_KNOWN
+    if flight.altitude is not None and (known := np.flatnonzero(np.isfinite(flight.altitude))).size >= HEIGHTS:
+        path = running_integral(record.time, flight.velocity[:, np.newaxis] * nominal.direction)
+        rows = np.column_stack([path / size, record.time, -flight.altitude])
+        means = np.stack([rows[part].mean(axis=0) for part in np.array_split(known, HEIGHTS)])
+        columns, elapsed, lost = np.split(means - means[0], [3, 4], axis=1)
+        off = np.hstack([max(flight.instruments.wind) * elapsed, HEIGHT_KNOWN * lost, np.full_like(lost, HEIGHT_READ)])
+        weighted = np.linalg.solve(off @ off.T + HEIGHT_READ**2 * np.eye(HEIGHTS), columns)
+        information, right = information + weighted.T @ columns, right + (weighted.T @ lost)[:, 0]
+    return np.asarray(np.linalg.solve(information, right), dtype=float), information
 
 
 def cycles(record: InertialRecord) -> float:
@@ -352,7 +391,7 @@ def start_from_nose(record: InertialRecord, *, forces: bool = True) -> WindStart
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]
     if forces:
-        target, elapsed = nose * speed[:, None] - force_impulse(record), record.time
+        target, elapsed = nose * speed[:, None] - record.force_impulse, record.time
     else:
         target, elapsed = nose, running_integral(record.time, 1.0 / speed)
     spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))

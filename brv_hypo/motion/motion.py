@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ NODE_LATE = 0.5
 NODE_WOUND = 0.5
 NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
+
+KEPT_PAST = 100_000  # samples of earlier motions that are kept of one: 100 bytes each
 
 # ---- Angles, elementwise over arrays of any one shape ----
 
@@ -204,33 +206,51 @@ def recorded(motion: Motion) -> Motion:
     return replace(motion, history=_Past(replace(motion, history=None)))
 
 
-class _Past:
-    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled."""
+def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
+    """A recorded motion with another C_mw, in its past too; what is known of the past else is kept."""
+    own, earlier = replace(motion, in_plane_moment=moment, history=None), getattr(motion.history, "earlier", None)
+    return replace(own, history=_Past(own, earlier=earlier))
 
-    def __init__(self, motion: Motion, ago: float = 0.0) -> None:
-        self.motion, self.ago = motion, ago
+
+class _Past:
+    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
+
+    `earlier` is all of it but C_mw so many seconds before; motions of another C_mw ask for the same times.
+    """
+
+    def __init__(self, motion: Motion, ago: float = 0.0, earlier: Callable[[float], Motion] | None = None) -> None:
+        self.motion, self.ago, self.earlier = motion, ago, earlier or _earlier(motion)
 
     def __reduce__(self) -> Any:
         """A pickled motion need not hold what can be found again."""
         return _Past, (self.motion, self.ago)
 
     @cached_property
-    def _smooth(self) -> tuple[str, ...]:
-        """The quantities that are interpolated as they are; one that is not known everywhere is taken for constant."""
-        return tuple(name for name in SMOOTH if np.all(np.isfinite(getattr(self.motion, name))))
-
-    @cached_property
-    def _spline(self) -> CubicSpline:
-        """Through the crossflow and those quantities."""
-        xi = crossflow(self.motion.alpha, self.motion.windward_meridian)
-        quantities = [xi.real, xi.imag, *(getattr(self.motion, name) for name in self._smooth)]
-        return CubicSpline(self.motion.time, np.stack(quantities, axis=1))
+    def _in_plane_moment(self) -> CubicSpline:
+        return CubicSpline(self.motion.time, self.motion.in_plane_moment)
 
     def __call__(self, tau: float) -> Motion:
+        ago = self.ago + tau
+        there = self.earlier(ago)
+        moment = self._in_plane_moment(np.maximum(there.time, self.motion.time[0]))
+        return replace(there, in_plane_moment=moment, history=_Past(self.motion, ago, self.earlier))
+
+
+def _earlier(motion: Motion) -> Callable[[float], Motion]:
+    """A motion so many seconds before; a quantity that is not known everywhere is taken for constant."""
+    smooth = [name for name in SMOOTH[:-1] if np.all(np.isfinite(getattr(motion, name)))]
+
+    @cache
+    def spline() -> CubicSpline:
+        xi = crossflow(motion.alpha, motion.windward_meridian)
+        quantities = [xi.real, xi.imag, *(getattr(motion, name) for name in smooth)]
+        return CubicSpline(motion.time, np.stack(quantities, axis=1))
+
+    @lru_cache(1 + KEPT_PAST // motion.time.size)
+    def earlier(ago: float) -> Motion:
         """Before the first sample everything is as it was there, but for the meridian, which turns on."""
-        motion, ago = self.motion, self.ago + tau
         time, first = motion.time - ago, motion.time[0]
-        along, across, *smooth = np.ascontiguousarray(self._spline(np.maximum(time, first)).T)
+        along, across, *values = np.ascontiguousarray(spline()(np.maximum(time, first)).T)
         xi = np.asarray(along + 1j * across, dtype=complex)
         before = np.minimum(time - first, 0.0) * motion.windward_meridian_rate[0]
         meridian = windward_meridian(xi) + before
@@ -242,12 +262,13 @@ class _Past:
             time=time,
             alpha=angle_of_attack(xi),
             windward_meridian=np.asarray(meridian + 2.0 * np.pi * turns, dtype=float),
-            history=_Past(motion, ago),
             roll_acceleration=None,
             axial_share=None,
             common_time=None,
-            **dict(zip(self._smooth, smooth, strict=True)),
+            **dict(zip(smooth, values, strict=True)),
         )
+
+    return earlier
 
 
 # ---- Between the samples, where the meridian turns too fast for them ----

@@ -157,7 +157,7 @@ class Reconstruction(HasCharts, Histories):
         """Units of the columns."""
         return {name: "s" if name == "time" else "1" if name.startswith("C_") else "rad" for name in self.columns()}
 
-    @property
+    @cached_property
     def crossflow(self) -> ComplexArray:
         """(v + i w) / V (n,) in body axes."""
         return crossflow(self.motion.alpha, self.motion.windward_meridian)

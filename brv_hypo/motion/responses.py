@@ -1,34 +1,34 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`perturbed` gives the inertial record under it. `effect_responses` linearises each by a central difference about a
-noise-free flight: smoothed rates, speed and pressure, and the normal force as fitted. A regressor made from measured
-channels would hold the noise of the response, and find itself.
+`perturbed` gives the inertial record under it, `half_steps` both sides of a central difference about a noise-free
+flight: smoothed rates, speed and pressure, and the normal force as fitted. A regressor made from measured channels
+would hold the noise of the response, and find itself. `effect_responses` are the differences as a reconstruction needs
+them, whose motion moves by `drift`; brv_hypo/linearisation/response.py has those of `compare`.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude, sensed_force
-from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, running_integral, spacing
+from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, body_attitude, sensed_force
+from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid, running_integral, spacing
 from brv_hypo.motion.motion import windward_meridian
 from brv_hypo.motion.signals import differentiated, smooth_channel
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
-START_PARTS = 5  # unknowns that stand before the errors of the record: direction and gravity at the first sample
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 
-Axes = tuple[FloatArray, FloatArray]  # two axes (n, 3) across the velocity
+Moved = TypeVar("Moved")
 AT_ONCE = 60_000  # samples of perturbed records that are held at once, some 200 bytes each
 MOST_NAMED = 3  # errors named where none can be corrected
 
@@ -109,6 +109,47 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
     return arm_acceleration(flight.p, p_change, record.transverse_rate, record.rate_change, arm)
 
 
+def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
+    """Change (n, 3, k) m/s, in the axes of the first sample, of what the body sees of the velocity relative to the air.
+
+    The motion, of `crossflow` (n,), starts as it did. What acts across the velocity turns it; so does a turned attitude
+    what is seen of it.
+    """
+    forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
+    flow = record.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
+    velocity = np.einsum("nij,nj->ni", record.attitude, flow)
+    impulses = np.zeros((crossflow.size, 3, len(records)))
+    pulled = [k for k, r in enumerate(records) if r.force is not record.force or r.attitude is not record.attitude]
+    if pulled:
+        before = record.force_inertial
+        pulls = np.stack([records[k].force_inertial - before for k in pulled], axis=2)
+        impulses[:, :, pulled] = running_integral(record.time, pulls)
+    known = [np.zeros((1, 3)) if each.flight.wind is None else each.flight.wind for each in (record, *records)]
+    calm, *winds = (wind - wind[0] for wind in known)
+    impulses -= np.stack([np.broadcast_to(wind - calm, velocity.shape) for wind in winds], axis=2)
+    direction = velocity / record.flight.velocity[:, None]
+    along, steps = 0.5 * (direction[1:] + direction[:-1]), np.diff(impulses, axis=0)
+    steps -= along[:, :, np.newaxis] * np.einsum("ni,nik->nk", along, steps)[:, np.newaxis]
+    found = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+    for k, other in enumerate(records):
+        if other.attitude is not record.attitude:
+            turned = other.to_body(found[:, :, k] + velocity)
+            found[:, :, k] = np.einsum("nij,nj->ni", record.attitude, turned) - velocity
+    return found
+
+
+def half_steps(
+    samples: int, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[Any]]
+) -> Iterator[tuple[list[Any], list[Any]]]:
+    """What half a step more and half a step less of each of some things makes, so many at once that it stays small.
+
+    `moved` answers to things and a share of them; differences are to be divided by `RESPONSE_STEP`.
+    """
+    remaining = iter(each)
+    while some := list(itertools.islice(remaining, 1 + AT_ONCE // (2 * samples))):
+        yield moved(some, 0.5 * RESPONSE_STEP), moved(some, -0.5 * RESPONSE_STEP)
+
+
 # ---- Linear responses, and what the record says of its errors ----
 
 
@@ -148,10 +189,8 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
     n = record.time.size
-    unchanged = np.zeros((n, 0), dtype=complex)
-    return EffectResponses(
-        (), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), unchanged, unchanged.real, unchanged, unchanged
-    )
+    none = np.zeros((n, 0), dtype=complex)
+    return EffectResponses((), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), none, none.real, none, none)
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
@@ -182,32 +221,29 @@ def effect_responses(
     edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
     stride = spacing(np.gradient(meridian, flight.time), flight.p, flight.step, RESPONSE_PER_CYCLE)
     kept = decimated_grid(list(itertools.pairwise(edges)), stride)
-    width = max(1, AT_ONCE // record.time.size)
-    drift = np.empty((kept.size, 3, len(effects)))
-    (forces, moments, turnings), pressures = np.empty((3, *drift.shape[::2]), dtype=complex), np.empty(drift.shape[::2])
-    for first in range(0, len(effects), width):
-        some = effects[first : first + width]
-        steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
-        records = perturbed(smooth, [effect.apply(smooth.flight, step) for effect, step in steps])
-        drifts = kept.of(_drift(smooth, crossflow, records))
-        drift[:, :, first : first + width] = (drifts[:, :, : len(some)] - drifts[:, :, len(some) :]) / RESPONSE_STEP
-        for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
-            forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
-            pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
-            moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
-            turning = (more.moment * more.moment_scale - less.moment * less.moment_scale) / smooth.moment_scale
-            turnings[:, k] = kept.of(turning) / RESPONSE_STEP
-    return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments, turnings)
+
+    def read(some: Sequence[Perturbation], share: float) -> list[Any]:
+        records = perturbed(smooth, [effect.apply(smooth.flight, share * effect.size) for effect in some])
+        histories = (
+            [each.transverse_force for each in records],
+            [each.force_scale / smooth.force_scale for each in records],
+            [each.moment for each in records],
+            [each.moment * (each.moment_scale / smooth.moment_scale) for each in records],
+        )
+        return [drift(smooth, crossflow, records), *(np.stack(each, axis=1) for each in histories)]
+
+    changes = [
+        [kept.of(more - less) / RESPONSE_STEP for more, less in zip(*both, strict=True)]
+        for both in half_steps(record.time.size, effects, read)
+    ]
+    columns = (np.concatenate(each, axis=-1) for each in zip(*changes, strict=True))
+    return EffectResponses(tuple(effects), kept, *columns)
 
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
-    each: dict[str, Any] = {
-        name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment", "turning")
-    }
+    each = {name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment", "turning")}
     nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
-    if np.all(nonzero):
-        return responses
     effects = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
     return replace(responses, effects=effects, **{name: values[..., nonzero] for name, values in each.items()})
 
@@ -227,42 +263,3 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     roll, attitude = body_attitude(record.time, p, rate)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
-
-
-def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
-    """Change (n, 3, k) m/s of the velocity relative to the air, which a turned attitude moves as well."""
-    forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
-    flow = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
-    velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)
-    before = smooth.force_inertial
-    impulses = np.zeros((smooth.time.size, 3, len(records)))
-    moved = [k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude]
-    if moved:
-        pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
-        impulses[:, :, moved] = running_integral(smooth.time, pulls)
-    known = [np.zeros((1, 3)) if each.flight.wind is None else each.flight.wind for each in (smooth, *records)]
-    calm, *winds = (wind - wind[0] for wind in known)
-    impulses -= np.stack([np.broadcast_to(wind - calm, velocity.shape) for wind in winds], axis=2)
-    drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
-    for k, record in enumerate(records):
-        if record.attitude is not smooth.attitude:
-            drift[:, :, k] += velocity
-            drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
-    return drift
-
-
-def drift_of(responses: EffectResponses, axes: Axes, errors: FloatArray) -> ComplexArray:
-    """Transverse velocity (n,) m/s in wind axes by errors of these sizes (e,)."""
-    moved = responses.rows.all_of(np.asarray(responses.drift @ errors))
-    second, third = (np.einsum("ni,ni->n", axis, moved) for axis in axes)
-    return np.asarray(-(second + 1j * third))
-
-
-def drift_columns(responses: EffectResponses, axes: Axes, parts: ComplexArray) -> Callable[[slice], ComplexArray]:
-    """What makes rows of transverse velocity (n, 5 + e) m/s in wind axes by the start, `parts` (n, 5), and errors."""
-
-    def rows_of(rows: slice) -> ComplexArray:
-        across = np.stack([axis[rows] for axis in axes], axis=1) @ responses.rows.all_of(responses.drift, rows)
-        return np.concatenate([parts[rows], -(across[:, 0] + 1j * across[:, 1])], axis=1)
-
-    return rows_of(slice(0, parts.shape[0])).__getitem__ if len(blocks(parts.shape[0])) == 1 else rows_of

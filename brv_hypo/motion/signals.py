@@ -191,7 +191,7 @@ class _Filter:
         return np.concatenate([ends, np.full(count - 2 * ends.size, np.linalg.norm(self.middle)), ends[::-1]])
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
 def _filter(order: int, half_width: int, derivative: int) -> _Filter:
     """Filter of the value (`derivative` 0) or of its derivative per sample (1).
 
@@ -204,7 +204,6 @@ def _filter(order: int, half_width: int, derivative: int) -> _Filter:
     return _Filter(basis @ places[half_width], places[:half_width], basis)
 
 
-@lru_cache(maxsize=256)
 def middle_weights(order: int, half_width: int) -> FloatArray:
     """Weights (2 half_width + 1,) of the derivative per sample in the middle of the window."""
     return _filter(order, half_width, 1).middle

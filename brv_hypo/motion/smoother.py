@@ -114,10 +114,13 @@ class MeasurementModel:
             return self
         return replace(self, scale=self.scale * (1.0 - self.kept.all_of(np.asarray(self.factors @ errors))))
 
-    def residual(self, xi: ComplexArray, coefficients: FloatArray, errors: FloatArray) -> ComplexArray:
-        """The observation (n,) less what the model makes of crossflow, coefficients and errors of the record."""
-        modelled = self.with_errors(errors).columns(xi) @ coefficients
-        return np.asarray(self.observed - modelled - self.kept.all_of(np.asarray(self.effects @ errors)))
+    def by_errors(self, modelled: ComplexArray, rows: slice) -> ComplexArray:
+        """What errors of the record add to the observation less what the model makes of it (rows, e) at one crossflow.
+
+        An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
+        """
+        added = self.kept.all_of(self.effects, rows)
+        return added if self.factors is None else added - self.kept.all_of(self.factors, rows) * modelled[rows, None]
 
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -195,19 +198,16 @@ class WalkEquations:
         answer = self.answer[2 * first : 2 * last, 1:]
         return np.asarray(-(answer[0::2] + 1j * answer[1::2]))
 
-    def solve(
-        self, mean: FloatArray, information: FloatArray, damping: float = 0.0, near: FloatArray | float = 0.0
-    ) -> WalkSolution:
+    def solve(self, mean: FloatArray, information: FloatArray, damping: float = 0.0) -> WalkSolution:
         """Walk and globals with Gaussian priors of the globals: mean (k,), information (k, k), 0 where free.
 
-        The globals are kept `near` (k,) by a share `damping` of what the measurements say of each.
+        The globals are kept near 0 by a share `damping` of what the measurements say of each.
         """
-        kept = damping * np.diag(self.gram)[1:]
-        normal = self.gram[1:, 1:] + information + np.diag(kept)
+        normal = self.gram[1:, 1:] + information + damping * np.diag(np.diag(self.gram)[1:])
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.inv(normal * scale[:, None] * scale + _RIDGE * np.eye(mean.size))
         covariance = inverse * scale[:, None] * scale
-        theta = covariance @ (self.gram[1:, 0] + information @ mean + kept * near)
+        theta = covariance @ (self.gram[1:, 0] + information @ mean)
         cost = self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta
         cost += float((theta - mean) @ information @ (theta - mean))
         walk = self.answer @ np.append(1.0, -theta)

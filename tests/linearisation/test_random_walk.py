@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.linearisation.response import linearisation_point, walk_sines
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.inertial import body_crossflow, transverse_axes, wind_direction, wind_to_body
+from brv_hypo.motion.inertial import NominalMotion
 from brv_hypo.motion.responses import perturbed
 from tests.chains import prepared, reconstructed
 
@@ -18,16 +18,14 @@ from tests.chains import prepared, reconstructed
 def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: int):
     """Noise of -i w in the rates across the velocity is read as a walk of w less, so that its correction is w."""
     record, point = linearisation_point(reconstructed(), ReconstructionConfig())
-    start = point.start
-    direction = wind_direction(record, start)
-    turn = wind_to_body(record, transverse_axes(direction))
+    nominal = NominalMotion(record, point.start)
     walk, noise = (each[:, order] for each in walk_sines(record, order + 1))
-    noise = 1j * turn * noise
+    noise = 1j * nominal.turn * noise
     (noisy,) = perturbed(
         record, [replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)]
     )
-    shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
-    found = np.vdot(walk, shift * np.conj(turn)) / np.vdot(walk, walk)
+    shift = NominalMotion(noisy, point.start).crossflow - nominal.crossflow
+    found = np.vdot(walk, shift * np.conj(nominal.turn)) / np.vdot(walk, walk)
     assert found == pytest.approx(-1.0, abs=0.1)
 
 

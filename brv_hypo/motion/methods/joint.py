@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,29 +20,21 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.inertial import (
     InertialRecord,
+    NominalMotion,
     WindStart,
-    body_crossflow,
     gravity_known,
-    gravity_size,
     inertial_record,
     start_from_nose,
-    transverse_axes,
-    wind_direction,
-    wind_to_body,
 )
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
 from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import (
-    START_PARTS,
-    Axes,
     EffectFit,
     EffectResponses,
     Perturbation,
     corrected,
-    drift_columns,
-    drift_of,
     effect_responses,
     no_responses,
     nonzero_responses,
@@ -61,6 +54,7 @@ from brv_hypo.motion.smoother import (
 )
 from brv_hypo.thresholds import FORCE_UNEXPLAINED
 
+START_PARTS = 5  # unknowns that stand before the errors of the record: direction and gravity at the first sample
 MOTION_MOST_STEPS = 60  # of a search for the motion; bounds the time where it does not converge
 # A search ends where a step would lower the cost by less, the square of what anything moves in standard deviations: at
 # the end, for the motion about which errors are linearised, and where slopes are compared by their scores.
@@ -71,7 +65,6 @@ MOTION_DAMPING = 1e-4  # of what the measurements say of each global, by which a
 MOTION_DAMPED = 10.0  # times as much damping after a step that failed, and as little after one that succeeded
 MOTION_DAMPING_MOST = 1e6  # with which nothing moves
 MOTION_TRUSTED = 0.25  # of the gain that was predicted: with less a step has failed, with all but this succeeded
-START_DIFFERENCE = 1e-7  # rad, and of gravity's size, in the derivative of the motion by its start
 ROUGH_SLOPE_COUNT = 3  # coefficients of the force's slope before it is chosen: a parabola
 SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of its basis in time that are tried, by BIC
 SLOPE_PATIENCE = 2  # of these that may go by without a gain
@@ -135,24 +128,16 @@ class SmoothedMotion:
 
 
 @dataclass(frozen=True)
-class _Flow:
-    """A motion: the nominal one, which gyros and accelerometers alone make of a start, and what is off it."""
-
-    start: WindStart
-    walk: ComplexArray  # transverse velocity that noise makes, in wind axes (n,) m/s
-    axes: Axes
-    turn: ComplexArray  # unit number (n,) from wind to body axes
-    offset: ComplexArray  # the walk and what errors of the record add (n,) m/s
-    crossflow: ComplexArray  # (n,)
-
-
-@dataclass(frozen=True)
 class _Point:
-    """Where a search is."""
+    """Where a search is: a nominal motion, and what is off it."""
 
-    flow: _Flow
+    nominal: NominalMotion
+    walk: ComplexArray  # transverse velocity that noise makes, in wind axes (n,) m/s
     errors: FloatArray  # of the record beyond the known ones, in units of their sizes (e,)
     coefficients: tuple[FloatArray, ...]  # those of each measurement
+    crossflow: ComplexArray  # (n,)
+    scaled: Measurements  # under these errors
+    columns: tuple[ComplexArray, ...]  # of their coefficients (n, unknowns)
     residuals: tuple[ComplexArray, ...]  # of each measurement (n,)
 
 
@@ -197,17 +182,16 @@ class RandomWalkSmoother:
         """
         start, crossflow, errors = near or (self.nose_start, None, None)
         errors = np.zeros(self.known.size) if errors is None else errors
-        flow = self._flow(start, np.zeros_like(self.speed, dtype=complex), errors)
-        walk = flow.walk if crossflow is None else (crossflow - flow.crossflow) * np.conj(flow.turn) * self.speed
-        point, damping, converged = self._point(measurements, start, walk, errors), 0.0, False
+        nominal, walk = NominalMotion(self.record, start), np.zeros_like(self.speed, dtype=complex)
+        if crossflow is not None:
+            off = crossflow - self._crossflow(nominal, walk, self._drift_by(errors))
+            walk = off * np.conj(nominal.turn) * self.speed
+        point, damping, converged = self._point(measurements, nominal, walk, errors), 0.0, False
         for _ in range(MOTION_MOST_STEPS):
-            drift = self._drift(point)
-            equations, prior = self._linear(measurements, point, drift), self._prior(measurements, point)
-            mean, information = prior[0] - self._globals(point), prior[1]
-            here = np.concatenate([np.zeros(START_PARTS), point.errors, np.zeros(mean.size - self.shared)])
-            mean[START_PARTS : self.shared] += point.errors
+            drift, prior = self._drift(point), self._prior(measurements, point)
+            equations, step = self._linear(measurements, point, drift), (prior[0] - self._globals(point), prior[1])
             cost = self._cost(measurements, point, equations, *prior)
-            solution, turn = equations.solve(mean, information), point.flow.turn
+            solution = equations.solve(*step)
             if not np.isfinite(cost + solution.cost):
                 raise UnanswerableError(
                     "forces and rates of this record do not belong to one motion: are axes, signs and units right?"
@@ -218,7 +202,7 @@ class RandomWalkSmoother:
                 break
             gained = 0.0
             while gained <= 0.0 and damping < MOTION_DAMPING_MOST:
-                damped = equations.solve(mean, information, damping, here) if damping > 0.0 else solution
+                damped = equations.solve(*step, damping) if damping > 0.0 else solution
                 with np.errstate(over="ignore", invalid="ignore"):
                     moved = self._moved(measurements, point, damped)
                     change = cost - self._cost(measurements, moved, equations, *prior)
@@ -241,15 +225,15 @@ class RandomWalkSmoother:
 
         return SmoothedMotion(
             measurements=measurements,
-            start=point.flow.start,
+            start=point.nominal.start,
             coefficients=point.coefficients,
-            crossflow=point.flow.crossflow,
+            crossflow=point.crossflow,
             residual=point.residuals[-1],
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, solution.covariance[own, own]),
             response=response,
             walk_covariance=equations.walk_covariance / self.speed[:, np.newaxis, np.newaxis] ** 2,
-            turn=turn,
+            turn=point.nominal.turn,
             score=cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
             converged=converged,
         )
@@ -257,45 +241,51 @@ class RandomWalkSmoother:
     def _point(
         self,
         measurements: Measurements,
-        start: WindStart,
+        nominal: NominalMotion,
         walk: ComplexArray,
         errors: FloatArray,
         coefficients: tuple[FloatArray, ...] = (),
     ) -> _Point:
         """A motion with these coefficients; without any, with those that fit it best."""
-        flow = self._flow(start, walk, errors)
-        coefficients = coefficients or tuple(_first_coefficients(each, flow.crossflow) for each in measurements)
+        crossflow = self._crossflow(nominal, walk, self._drift_by(errors))
+        coefficients = coefficients or tuple(_first_coefficients(each, crossflow) for each in measurements)
+        scaled = tuple(each.with_errors(errors) for each in measurements)
+        columns = tuple(each.columns(crossflow) for each in scaled)
         residuals = tuple(
-            each.residual(flow.crossflow, values, errors)
-            for each, values in zip(measurements, coefficients, strict=True)
+            each.observed - own @ values - each.kept.all_of(np.asarray(each.effects @ errors))
+            for each, own, values in zip(measurements, columns, coefficients, strict=True)
         )
-        return _Point(flow, errors, coefficients, residuals)
+        return _Point(nominal, walk, errors, coefficients, crossflow, scaled, columns, residuals)
 
-    def _flow(self, start: WindStart, walk: ComplexArray, errors: FloatArray) -> _Flow:
-        direction = wind_direction(self.record, start)
-        axes = transverse_axes(direction)
-        turn = wind_to_body(self.record, axes)
-        offset = walk + drift_of(self.responses, axes, errors)
-        xi = body_crossflow(self.record, direction) + turn * offset / self.speed
-        return _Flow(start, walk, axes, turn, offset, np.asarray(xi))
+    def _drift_by(self, errors: FloatArray) -> FloatArray:
+        return self.responses.rows.all_of(np.asarray(self.responses.drift @ errors))
+
+    def _crossflow(self, nominal: NominalMotion, walk: ComplexArray, drift: FloatArray) -> ComplexArray:
+        return nominal.with_offset((walk + nominal.across(drift[:, :, np.newaxis])[:, 0]) / self.speed)
 
     def _moved(self, measurements: Measurements, point: _Point, solution: WalkSolution) -> _Point:
         """Where a step leads."""
         theta, ends = solution.theta, np.cumsum([values.size for values in point.coefficients])[:-1]
         steps = np.split(theta[self.shared :], ends)
         coefficients = tuple(old + new for old, new in zip(point.coefficients, steps, strict=True))
-        start = _turned(point.flow.start, point.flow.axes, complex(*theta[:2]), theta[2:START_PARTS])
-        return self._point(measurements, start, solution.walk, theta[START_PARTS : self.shared], coefficients)
+        start = point.nominal.start.moved(complex(*theta[:2]), theta[2:START_PARTS])
+        errors = point.errors + theta[START_PARTS : self.shared]
+        return self._point(measurements, NominalMotion(self.record, start), solution.walk, errors, coefficients)
 
     def _drift(self, point: _Point) -> Columns:
-        """Transverse velocity by each global, of the start by differences."""
-        flow, parts = point.flow, np.empty((self.speed.size, START_PARTS), dtype=complex)
-        size = START_DIFFERENCE * np.array([1.0, 1.0, *np.full(3, gravity_size(self.record.flight))])
-        for k, step in enumerate(np.diag(size)):
-            start = _turned(flow.start, flow.axes, complex(*step[:2]), step[2:])
-            change = self._flow(start, flow.walk, point.errors).crossflow - flow.crossflow
-            parts[:, k] = change * np.conj(flow.turn) * self.speed / size[k]
-        return drift_columns(self.responses, flow.axes, parts)
+        """Transverse velocity (n, shared) m/s in wind axes by each global that is none of a measurement's."""
+        nominal, responses, drift = point.nominal, self.responses, self._drift_by(point.errors)
+        by_start = nominal.by_start(lambda moved: self._crossflow(moved, point.walk, drift))
+        by_start *= (np.conj(nominal.turn) * self.speed)[:, np.newaxis]
+
+        def rows_of(rows: slice) -> ComplexArray:
+            own = nominal.across(responses.rows.all_of(responses.drift, rows), rows)
+            return np.concatenate([by_start[rows], own], axis=1)
+
+        if len(blocks(self.speed.size)) > 1:
+            return rows_of
+        columns = rows_of(slice(0, self.speed.size))
+        return lambda rows: np.asarray(columns[rows])
 
     def _cost(
         self,
@@ -306,9 +296,9 @@ class RandomWalkSmoother:
         information: FloatArray,
     ) -> float:
         """Minus twice the log of likelihood times prior, with these priors; infinite where no flow can be."""
-        if not np.max(np.abs(point.flow.crossflow)) < 1.0:
+        if not np.max(np.abs(point.crossflow)) < 1.0:
             return np.inf
-        steps = np.diff(point.flow.walk, prepend=0.0)
+        steps = np.diff(point.walk, prepend=0.0)
         cost = float(equations.step_information @ (steps * np.conj(steps)).real)
         off = self._globals(point) - mean
         cost += float(off @ information @ off)
@@ -319,39 +309,28 @@ class RandomWalkSmoother:
     def _linear(self, measurements: Measurements, point: _Point, drift: Columns) -> WalkEquations:
         """The linear problem about a point."""
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
-        xi = point.flow.crossflow
+        xi, walk, found = point.crossflow, point.walk, list[LinearMeasurement]()
 
-        def linear(measurement: MeasurementModel, values: FloatArray, first: int) -> LinearMeasurement:
-            scaled = measurement.with_errors(point.errors)
-            own, modelled = scaled.columns(xi), measurement.modelled(xi, values)
-            gain = scaled.gain(xi, values, point.flow.turn) / self.speed[:, np.newaxis]
+        def columns(first: int, own: ComplexArray, gain: ComplexArray, by_errors: Columns, rows: slice) -> ComplexArray:
+            moved = drift(rows)
+            out = np.zeros((moved.shape[0], int(ends[-1])), dtype=complex)
+            out[:, START_PARTS : self.shared] = by_errors(rows)
+            out[:, : self.shared] += gain[rows, :1] * moved.real + gain[rows, 1:] * moved.imag
+            out[:, first : first + own.shape[1]] = own[rows]
+            return out
 
-            def columns(rows: slice) -> ComplexArray:
-                here, moved = own[rows], drift(rows)
-                out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
-                errors, shared = out[:, START_PARTS : self.shared], out[:, : self.shared]
-                # What they add to the observation less what the model makes of it. An error of the scale is at every
-                # crossflow what the slope would be: only its prior parts the two.
-                errors += measurement.kept.all_of(measurement.effects, rows)
-                if measurement.factors is not None:
-                    errors -= measurement.kept.all_of(measurement.factors, rows) * modelled[rows, np.newaxis]
-                shared += gain[rows, :1] * moved.real + gain[rows, 1:] * moved.imag
-                out[:, first : first + here.shape[1]] = here
-                return out
-
-            residual = measurement.observed - measurement.columns(xi) @ values
-            residual += gain[:, 0] * point.flow.offset.real + gain[:, 1] * point.flow.offset.imag
-            return LinearMeasurement(residual, gain, columns, measurement.sigma)
-
-        each = [
-            linear(measurement, values, int(first))
-            for measurement, values, first in zip(measurements, point.coefficients, ends, strict=False)
-        ]
-        return walk_equations(each, self.step_variance)
+        for k, measurement in enumerate(measurements):
+            gain = point.scaled[k].gain(xi, point.coefficients[k], point.nominal.turn) / self.speed[:, np.newaxis]
+            by_errors = partial(measurement.by_errors, measurement.modelled(xi, point.coefficients[k]))
+            of_globals = partial(columns, int(ends[k]), point.columns[k], gain, by_errors)
+            without_walk = point.residuals[k] + gain[:, 0] * walk.real + gain[:, 1] * walk.imag
+            found.append(LinearMeasurement(without_walk, gain, of_globals, measurement.sigma))
+        return walk_equations(found, self.step_variance)
 
     def _globals(self, point: _Point) -> FloatArray:
-        """Change of the direction, none, gravity, errors of the record and coefficients (k,)."""
-        return np.concatenate([np.zeros(2), point.flow.start.gravity, self.known + point.errors, *point.coefficients])
+        """The globals at a point, from which a step counts them; no direction is likelier than another."""
+        gravity, errors = point.nominal.start.gravity, self.known + point.errors
+        return np.concatenate([np.zeros(2), gravity, errors, *point.coefficients])
 
     def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and information (k, k) of the globals, about a point."""
@@ -364,7 +343,7 @@ class RandomWalkSmoother:
                 known[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
             at += measurement.unknowns
         information, gravity = np.diag(known), slice(2, START_PARTS)
-        mean[gravity], information[gravity, gravity] = gravity_known(self.record, point.flow.start)
+        mean[gravity], information[gravity, gravity] = gravity_known(point.nominal)
         return mean, information
 
 
@@ -375,11 +354,6 @@ def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> Floa
     columns, right = measurement.columns(xi)[valid] * weight[:, None], measurement.observed[valid] * weight
     stacked = np.concatenate([columns.real, columns.imag])
     return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
-
-
-def _turned(start: WindStart, axes: Axes, offset: complex, gravity: FloatArray) -> WindStart:
-    moved = start.direction + axes[0][0] * offset.real + axes[1][0] * offset.imag
-    return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
 
 
 # ---- The method: which measurements, with what slopes and noise ----
