@@ -39,6 +39,7 @@ STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, 
 _NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
+EDGE_ROUNDS = 3  # of ends and delays by turns, at most
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, and the likeliest of them
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
@@ -300,11 +301,16 @@ def _between(
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
     shortest = KNOT_MARGIN * SHORT_PART * np.ptp(time)
-    if times.size > 2 and best.width == 0.0:
+    # Between ends that are off another delay explains more, and with another delay other ends do.
+    for _ in range(EDGE_ROUNDS if times.size > 2 and best.width == 0.0 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         (nearer,) = regions(starts[:1], like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
+        (delayed,) = regions(starts[:1], like.frame, mechanism, np.array(best.region), most=1)
+        theta, best = best.theta, max([best, *delayed], key=attrgetter("peak"))
+        if best.theta == theta:
+            break
     own = replace(like, frame=frame, ends=True)
 
     def placed(shape: Shape) -> Pair:
