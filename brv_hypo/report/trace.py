@@ -20,7 +20,7 @@ from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, P
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.fit import WHITE_CHANCE
-from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
+from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace, lasting_steps
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
@@ -218,9 +218,20 @@ def trace_document(result: Trace) -> Document:
 def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        found = [each.held_out for each in result.account if each.model in result.findings]
-        left = share((found or [result.account[-1].held_out])[-1] / result.steps[0].error_before.held_out)
-        return f"With {', '.join(result.findings)}, the held-out error is {left} of what it is without."
+        steps, before = lasting_steps(result.steps), result.steps[0].error_before.held_out
+        tolerated = {each.added: each for each in steps if each.exceeds_tolerance}
+        others, said = [name for name in result.findings if name not in tolerated], []
+        if others:
+            found = [each.held_out for each in result.account if each.model in others]
+            left = share((found or [result.account[-1].held_out])[-1] / before)
+            said = [f"With {', '.join(others)}, the held-out error is {left} of what it is without."]
+        for name in (name for name in result.findings if name in tolerated):
+            times = number(1.0 / (tolerated[name].error_ratio_held_out or 1.0), 2)
+            said.append(
+                f"{name} is larger than its tolerance, within which every model has it: with none at all, the held-out "
+                f"error is {times} times as large."
+            )
+        return " ".join(said)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
@@ -311,7 +322,7 @@ def outcome_text(step: Step) -> str:
     text = (
         f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
-        f"(ratio {ratio})"
+        f"(ratio {ratio}{f' to a model with no {step.added}' if step.exceeds_tolerance else ''})"
     )
     if step.evidence_gain is not None:
         text += f", {number(step.evidence_gain, 2)} nats more evidence beside processes"

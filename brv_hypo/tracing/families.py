@@ -71,10 +71,18 @@ class Beside:
             self._known[key] = maximised(rows, terms, *([self.start] if families is None else []))
         return self._known[key]
 
-    def _squares(self, names: Sequence[str], families: Sequence[str] | None = ()) -> float:
-        """Of the residual of the baseline, its tolerances and some effects, without processes or beside some."""
-        residual = self.evidence(names, families).residual
+    def _squares(self, names: Sequence[str]) -> float:
+        """Of the residual of the baseline, its tolerances and some effects, without processes."""
+        residual = self.evidence(names, ()).residual
         return float(residual @ residual)
+
+    def _of_processes(self, names: Sequence[str], families: Sequence[str] = ()) -> float:
+        """Fall of the squares by those processes, of all or some families, that the evidence wants beside effects:
+        others take noise alone with them.
+        """
+        wanted = self._selected(names, families)
+        last = wanted[-1][1] if wanted else self.evidence(names, ())
+        return self._squares(names) - float(last.residual @ last.residual)
 
     def gain(self, name: str, in_place: bool = False) -> float:
         """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
@@ -85,8 +93,8 @@ class Beside:
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
         names = list(self.terms)
-        before, after = self._squares([each for each in names if each != name]), self._squares(names)
-        return (after - self._squares(names, [self.families[name]])) / max(before - after, 1e-300)
+        explains = self._squares([each for each in names if each != name]) - self._squares(names)
+        return self._of_processes(names, [self.families[name]]) / max(explains, 1e-300)
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
         """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
@@ -131,8 +139,7 @@ class Beside:
 
     def is_adequate(self, names: Sequence[str]) -> bool:
         """Whether effects explain more of the residual than processes beside them; so where there is neither."""
-        whole, beside, rest = self._squares([]), self._squares(names), self._squares(names, None)
-        return whole - beside >= beside - rest
+        return self._squares([]) - self._squares(names) >= self._of_processes(names)
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
         """What effects and then families of processes explain of the residual, the largest first.
@@ -170,9 +177,9 @@ class Beside:
         found = self.shares([])
         return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
-    def _selected(self, names: Sequence[str]) -> list[tuple[str, Evidence]]:
-        """Families one after another, each the one that raises the evidence most, while that gains; maybe none."""
-        rest, known = list(dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
+    def _selected(self, names: Sequence[str], families: Sequence[str] = ()) -> list[tuple[str, Evidence]]:
+        """Families, all or of some, one after another, each the one that raises the evidence most, while that gains."""
+        rest, known = list(families or dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
         found: list[tuple[str, Evidence]] = []
         level = self.evidence(names, ()).level
         while rest:

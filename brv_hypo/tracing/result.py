@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
@@ -165,6 +166,13 @@ class Step(NullIsNaN):
     error_ratio_std_error: float | None = None
     held_out_score: float | None = None
     ratio_of_flights_left_out: float | None = None
+
+    @property
+    def exceeds_tolerance(self) -> bool:
+        """Whether every model has what was added within its tolerance: the ratio is to a model without any of it."""
+        if self.error_after is None or self.error_ratio_held_out is None:
+            return False
+        return not math.isclose(self.error_ratio_held_out, self.error_after.held_out / self.error_before.held_out)
 
 
 def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:

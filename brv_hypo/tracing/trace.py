@@ -233,7 +233,7 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
 
 def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
     """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
-    final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
+    final model or more than all that was added to it, or those of the effect's family have much to explain beside it.
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
@@ -242,7 +242,7 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
         if gains.get(name, -np.inf) < SPECIFIC:
             return "beside the final model, processes explain the flight as well"
         if not adequate:
-            return "the final model is inadequate"
+            return "processes explain more than all that was added to the final model"
         much = beside.rest_of_family(name) > FAMILY_REST
         return "processes of its family have much to explain beside it" if much else ""
 
