@@ -88,9 +88,9 @@ def predict(
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
-    Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
-    (its file, or a copy of its record); so is what belongs to its times, unless `refit` names it. On its own record
-    nothing is tested.
+    Errors of the record that the model holds, within tolerances or beyond, are those of its own flight, and are left
+    out, unless this is that flight (its file, or a copy of its record); so is what belongs to its times, unless `refit`
+    names it. On its own record nothing is tested.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
 
@@ -115,7 +115,7 @@ def predict(
     named = refit.split(",") if isinstance(refit, str) else refit
     refitted = tuple(current_name(name.strip()) for name in named if name.strip())
     path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
-    content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
+    content = saved if isinstance(saved, SavedModel) else read_model(Path(saved))
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
     most = record.samples // HELD_OUT_SHORTEST  # blocks, by which nothing is chosen here
@@ -133,7 +133,10 @@ def predict(
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    if here := _is_found_on(content, flight):  # all of it was flown
+    found_on, number = content.found_on, _found_on(content, flight)
+    here = number is not None
+    content = content.of_as_many(1) if number is None else content.of_flight(number)
+    if here:  # all of it was flown
         content = content.model_copy(update={"flown": {}})
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
@@ -183,7 +186,7 @@ def _predict(
     terms = estimates(columns, values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
-        model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
+        model=ModelSource(path=None if path is None else str(path), found_on=found_on),
         frozen=tuple(terms[k] for k in known),
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
@@ -205,9 +208,8 @@ def _predict(
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
     more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
-    remedy = ",".join((*refit, *more)) if more else ""
-    said = reason(found, of_own, rest, freely, remedy, INSTRUMENTS in refit)
-    return found.model_copy(update={"reason": said})
+    remedy = ",".join((*refit, *more)) if more and not (here and content.errors) else ""
+    return found.model_copy(update={"reason": reason(found, of_own, rest, freely, remedy)})
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
@@ -243,6 +245,7 @@ def _frozen(
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
     source = Flights((flight,), config)
     model, effects = _with_refitted(model, refit, source)
+    own_errors = {(each.effect, each.component): each.value for each in content.errors if here}
     known = {column: saved.value for column, saved in zip(columns, content.columns, strict=True)}
     fixed = np.array([np.nan if c in to_refit else known.get(c, np.nan) for c in model.columns], dtype=float)
 
@@ -253,13 +256,17 @@ def _frozen(
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         values = first_values(data.frame, data.whole, model.columns)
         fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
-        # What has no prior was found on this very record, and is taken out of it.
-        held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
-        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
+        # What has no prior was found on this very record, and is taken out of it; so are errors that are known.
+        held = []
+        for item in fit.nuisances:
+            beyond = (own_errors.get((item.name, item.component), 0.0) - (item.applied or 0.0)) / item.size
+            value = beyond if np.isfinite(item.present) else 0.0
+            held.append(np.nan if item.name in (*_OF_THE_MOTION, *effects) else value)
+        others = np.array(held)
         return replace(fit, problem=fit.problem.on(part), known=np.append(fixed, others))
 
     places = np.array([place.get(column, -1) for column in model.columns])
-    corrections: Errors = {}
+    corrections = next_corrections(0, flight, model, own_errors, {})
     if not effects:
         return read_with(corrections), places, left_out
     found = list[Fit]()
@@ -267,8 +274,8 @@ def _frozen(
         last = read_with(corrections)
         errors = _errors_within(last, content, places)
         mine = np.array([False] * len(model.columns) + [item.name in effects for item in last.nuisances])
-        own_errors = np.append(np.full(len(model.columns), np.nan), errors)
-        found.append(replace(last, known=np.where(mine, own_errors, last.known)))
+        fitted = np.append(np.full(len(model.columns), np.nan), errors)
+        found.append(replace(last, known=np.where(mine, fitted, last.known)))
         beside = last.problem.rows.nuisances.values(errors, 1)[0]
         own = {name: value for name, value in beside.items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
@@ -316,18 +323,19 @@ def _in_model(model: Model, name: str) -> str:
     return StaticBend.name if is_bend(item, sample_motion(uniform_time())) else name
 
 
-def _is_found_on(content: SavedModel, flight: Flight) -> bool:
-    """Whether the model was estimated from this very record, or a longer part of its file: then its times and errors
-    are the flight's. Another record under the same name is another flight.
+def _found_on(content: SavedModel, flight: Flight) -> int | None:
+    """Which of the model's own records this is, or a part of which; None for another flight, if by the same name.
+
+    Then the model's times and errors are the flight's.
     """
-    if digest(flight) in content.digests:
-        return True
+    if (own := digest(flight)) in content.digests:
+        return content.digests.index(own)
     first, last, path = float(flight.time[0]), float(flight.time[-1]), Path(flight.path)
     spans = [(start, stop) for start, stop in content.times if start <= first and last <= stop]
     if not spans or not path.is_file() or path.name not in {Path(name).name for name in content.found_on}:
-        return False
-    whole = load_flight(path)
-    return any(digest(whole.window(*span)) in content.digests for span in spans)
+        return None
+    parts = (digest(load_flight(path).window(*span)) for span in spans)
+    return next((content.digests.index(part) for part in parts if part in content.digests), None)
 
 
 def _tolerated(flight: Flight) -> tuple[str, ...]:

@@ -165,13 +165,14 @@ _OWN_RECORD = (
     "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
+_ITS_ERRORS = "Errors of instruments and vehicle are those that were fitted to it within their tolerances. "
 _NOWHERE = (
     "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts nothing about "
     "this flight."
 )
 
 
-def reason(found: Prediction, own: float, left: float, freed: float, remedy: str, refits_errors: bool = False) -> str:
+def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
     """The outcome in a few sentences.
 
     `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
@@ -192,15 +193,13 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         )
     if found.flown == 0.0:
         return _NOWHERE + helps
-    said = _OWN_RECORD if found.own_record else ""
+    said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
     said += (
         f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if band.inside < PREDICTED_HOLDS and found.own_record and not refits_errors:
-        said += " Errors of the record within their tolerances are zero here: `--refit instruments` fits them."
-    elif band.inside < PREDICTED_HOLDS:
+    if band.inside < PREDICTED_HOLDS and not found.own_record:
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         less = f", without {', '.join(found.left_out)}," if found.left_out else ""

@@ -24,7 +24,7 @@ from brv_hypo.io.text import number, times
 from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.model import Model, ModelError, SavedModel, digest
+from brv_hypo.model.model import Model, ModelError, SavedModel, SavedRecordError, digest
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
@@ -229,6 +229,11 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
             "digests": tuple(map(digest, flights)),
+            "errors": tuple(
+                SavedRecordError(effect=e.name, component=e.component, value=e.whole(value), flight=e.flight or 0)
+                for e, value in zip(whole.nuisances, whole.solution[1].tolist(), strict=True)
+                if e.stated
+            ),
             "flown": flown,
         }
     )

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from tests.studies.loop.planting import another_flight
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 # A change of the sister's slope of 1/rad, and when.
 CHANGE, CHANGED_S = 0.002, (2.0, 3.5)
+WITH_MAGNUS: dict[str, Any] = {"seed": 4101, "plant": ("magnus",), "instruments": {"draw": 1.0}}
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +152,27 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.flown == 1.0
 
 
+def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> None:
+    """With coefficients from beside them and without them, it left 400 times what one fitted here does."""
+    flight = simulate("research_cone", **WITH_MAGNUS).flight
+    content = magnus_found().model.definition
+    found, without = (predict(flight, each) for each in (content, content.model_copy(update={"errors": ()})))
+    assert found.error.frozen < 1.02 * found.error.own
+    assert without.error.frozen > 2.0 * found.error.frozen
+    assert "are those that were fitted to it within their tolerances" in found.reason
+    assert "--refit" not in found.reason
+
+
+def test_on_a_record_of_several_the_model_is_that_of_this_flight() -> None:
+    flights = [simulate(trimmed_cone((1e-3, trim)), seed=k).flight for k, trim in enumerate((-5e-4, 8e-4))]
+    content = trace(flights, TraceConfig(effects=("trim",), discover=False, max_steps=1)).model.definition
+    for flight, trim in zip(flights, (-5e-4, 8e-4), strict=True):
+        found = predict(flight, content)
+        assert found.own_record
+        assert found.error.frozen < 1.05 * found.error.own
+        assert {t.name: t.value for t in found.frozen}["C_n0"] == pytest.approx(trim, rel=0.1)
+
+
 def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, sister: Flight) -> None:
     """Beside it, its coefficient and the bend's would each be any half of their sum."""
     found = predict(sister, traced.model.definition, ("trim", "cubic_stiffness"))
@@ -253,7 +276,7 @@ def test_what_was_refitted_as_advised_contradicts_nothing_else(seed: int, unchan
 @cache
 def magnus_found() -> Trace:
     """The trace of a flight with magnus, errors of its instruments drawn."""
-    flight = simulate("research_cone", seed=4101, plant=("magnus",), instruments={"draw": 1.0}).flight
+    flight = simulate("research_cone", **WITH_MAGNUS).flight
     return trace(flight, effects=["magnus"], discover=False)
 
 
