@@ -37,7 +37,7 @@ from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
-from brv_hypo.mechanisms.contract import Mechanism, current_name
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, current_name
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
@@ -350,13 +350,17 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
     known, effects = {name for column in model.columns for name in (column.mechanism, column.term)}, list[str]()
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
+        searched = [parameter.name for parameter in item.parameters()] if isinstance(item, Mechanism) else []
+        if isinstance(item, RecordEffect) and not item.carried and name not in {a.effect.name for a in model.applied}:
+            searched = ["time"]
+        if searched:
+            compared = f"`compare --mechanisms {name}`, and by " if isinstance(item, Mechanism) else ""
+            raise UsageError(
+                f"--refit {name}: the model has no {name} of this flight, and its {searched[0]} is not known: it is "
+                f"searched for by {compared}`trace`, whose model then has it. Leave {name} out, or predict with such a "
+                "model."
+            )
         if isinstance(item, Mechanism):
-            if item.parameters():
-                raise UsageError(
-                    f"--refit {name}: the model has no {name}, and its {item.parameters()[0].name} is not known: it is "
-                    f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
-                    f"Leave {name} out, or predict with such a model."
-                )
             motion = correct(source, model).frame.motions[0]
             more = tuple(term_column(item, term) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)

@@ -213,6 +213,12 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             "the model was found at, and are not counted in these shares."
         )
     said += _differs(found) + helps
+    timed = [each.mechanism for each in found.refitted if each.region_s is not None or each.delay_s is not None]
+    if timed:
+        said += (
+            f" Of {', '.join(dict.fromkeys(timed))} the coefficients alone were fitted to this flight, at the times "
+            "and delays of the model: `brv-hypo trace FLIGHT.h5 --model MODEL` fits these too."
+        )
     if found.left_out:
         act, are = ("acts", "is") if len(found.left_out) == 1 else ("act", "are")
         names = ", ".join(found.left_out)

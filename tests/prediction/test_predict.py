@@ -214,8 +214,14 @@ def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: 
 
 
 def test_an_unknown_name_is_refused(traced: Trace, sister: Flight) -> None:
-    with pytest.raises(UsageError, match=r"the model has no lag, and its delay is not known.*compare --mechanisms lag"):
+    with pytest.raises(
+        UsageError, match=r"the model has no lag of this flight, and its delay is not known.*compare --mechanisms lag"
+    ):
         predict(sister, traced.model.definition, ("lag",))
+    with pytest.raises(
+        UsageError, match=r"no wind_step of this flight, and its time is not known.*searched for by `tr"
+    ):
+        predict(sister, traced.model.definition, ("wind_step",))
     with pytest.raises(UsageError, match="did you mean trim"):
         predict(sister, traced.model.definition, ("trm",))
 
