@@ -45,8 +45,17 @@ from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
-from brv_hypo.prediction.changes import find_difference, find_local_change, fixed_within
-from brv_hypo.prediction.result import Band, ErrorsOfPrediction, LocalChange, ModelSource, Prediction, Region, reason
+from brv_hypo.prediction.changes import find_differences, find_local_change, fixed_within
+from brv_hypo.prediction.result import (
+    Band,
+    Difference,
+    ErrorsOfPrediction,
+    LocalChange,
+    ModelSource,
+    Prediction,
+    Region,
+    reason,
+)
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
@@ -152,8 +161,9 @@ def _predict(
     # Coefficients that are fitted here are beside errors within tolerances.
     fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
-    change, difference, differs, misfit = None, None, False, float("nan")
+    change, differences, differs, misfit = None, tuple[Difference, ...](), False, float("nan")
     covariance[np.ix_(known, known)] = known_by
+    terms = estimates(columns, np.where(np.isfinite(fixed), fit.values, within.values), covariance, data.frame)
     motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
     mach = motion.mach[samples]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=bool(left_out))
@@ -161,8 +171,8 @@ def _predict(
         every = beside_processes(fit, fit.model, fit.problem.rows.part)
         alone = every.evidence([], ())
         better = max(alone, every.null, key=lambda each: each.level)
-        difference = find_difference(better, columns, fixed, both)
-        differs = difference is not None and difference.p_value < REFUSED
+        differences = find_differences(better, terms, fixed, both)
+        differs = any(each.p_value < REFUSED for each in differences)
 
         def changed(agreed: FloatArray, known_by: FloatArray) -> tuple[LocalChange | None, Evidence]:
             """A change between two times beside coefficients that are fixed within this covariance."""
@@ -171,9 +181,10 @@ def _predict(
 
         change, within_both = changed(fixed, both)
         misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
-        if change is not None and difference is not None and differs:
-            # Nothing changes between two times where nothing does beside the coefficient that differs throughout.
-            same = [k for k, j in enumerate(known) if columns[j].term != difference.term]
+        if change is not None and differs:
+            # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
+            differing = {(each.mechanism, each.term) for each in differences}
+            same = [k for k, j in enumerate(known) if (terms[j].mechanism, terms[j].name) not in differing]
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
             change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
@@ -182,8 +193,6 @@ def _predict(
     noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    values = np.where(np.isfinite(fixed), fit.values, within.values)
-    terms = estimates(columns, values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=found_on),
@@ -196,7 +205,8 @@ def _predict(
         band=band,
         regions=_regions(data, measured, left),
         local_change=change,
-        difference=difference,
+        difference=next(iter(differences), None),
+        further_differences=differences[1:],
         refused=change is not None or differs,
         misfit=misfit,
         left_out=left_out,

@@ -12,6 +12,7 @@ from brv_hypo.comparison.result import FlightSummary, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import p_value
 from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.model.term import BASELINE
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import NOISE_LEVEL, REFUSED
 
@@ -73,18 +74,21 @@ class LocalChange(NullIsNaN):
 
 
 class Difference(NullIsNaN):
-    """The frozen coefficient that differs most from this flight's, the others within their errors.
+    """A frozen coefficient that differs from this flight's, those that are not named within their errors.
 
     `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
+    `alternatives`: terms of which one in its place would explain this flight nearly as well.
     """
 
     term: str
+    mechanism: str = ""
     units: str
     frozen: float
     value: float
     std_error: float
     p_value: float
     beside_processes: bool
+    alternatives: tuple[str, ...] = ()
 
 
 Series = tuple[float, ...]
@@ -112,10 +116,10 @@ class Prediction(HasCharts, Result):
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there. `refused`:
-    there is a `local_change` of slope or damping, or `difference` is more than chance makes it; None where there is
-    none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients
-    as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that
-    belong to the times of the model's own flights.
+    there is a `local_change` of slope or damping, or `difference` (and further ones) is more than chance makes it; None
+    where there is none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and
+    with coefficients as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out`
+    are mechanisms that belong to the times of the model's own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -131,6 +135,7 @@ class Prediction(HasCharts, Result):
     regions: tuple[Region, ...]
     local_change: LocalChange | None = None
     difference: Difference | None = None
+    further_differences: tuple[Difference, ...] = ()
     refused: bool = False
     misfit: float = float("nan")
     left_out: tuple[str, ...] = ()
@@ -180,8 +185,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     (`freed`); `remedy` is what `--refit` would name as well for that. What contradicts the model beside these errors it
     does not mend, unless it names the very coefficient.
     """
-    band, noise, helps, term = found.band, found.error.noise, "", found.difference and found.difference.term
-    named = any(each.name == term and each.mechanism in remedy.split(",") for each in found.frozen)
+    band, noise, helps, refitted = found.band, found.error.noise, "", remedy.split(",")
+    differences = filter(None, (found.difference, *found.further_differences))
+    named = all(each.mechanism in refitted for each in differences)
     contradicts = found.refused and (found.local_change is not None or not named)
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
@@ -236,13 +242,10 @@ def _differs(found: Prediction) -> str:
             "it. `brv-hypo compare` on this flight tells more."
         )
     if difference is not None and difference.p_value < REFUSED:
-        units = "" if difference.units == "1" else f" {difference.units}"
+        every = (difference, *found.further_differences)
         beside = ", processes fitted beside the model" if difference.beside_processes else ""
-        said = (
-            f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
-            f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
-            f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
-        )
+        these = "; and ".join(map(_in_words, every))
+        said = f" This flight contradicts the model (p {p_value(difference.p_value)}{beside}): {these}."
     if change is not None:
         mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
         units = "" if change.units == "1" else f" {change.units}"
@@ -252,6 +255,21 @@ def _differs(found: Prediction) -> str:
             f"(F {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
         )
     return said
+
+
+def _in_words(difference: Difference) -> str:
+    """A coefficient that differs, the function that it is part of, and what may differ in its place."""
+    units = "" if difference.units == "1" else f" {difference.units}"
+    own = difference.mechanism == BASELINE
+    like = difference.alternatives
+    static = own and like and all(name.startswith(("C_m0", "C_malpha")) for name in (difference.term, *like))
+    others = f" (or {' or '.join(like)} in its place: this flight does not distinguish them)" if like else ""
+    return (
+        f"{'its static moment is another: ' if static else ''}{difference.term}"
+        f"{'' if own else f' ({difference.mechanism})'} is "
+        f"{difference.frozen:.4g}{units} there and here {difference.frozen + difference.value:.4g}, a difference of "
+        f"{difference.value:+.2g} ± {difference.std_error:.2g}{others}"
+    )
 
 
 def _explains(share: float) -> str:

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import number
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.model.model import SavedModel
+from brv_hypo.model.term import BASELINE
 from brv_hypo.prediction import Prediction, predict
-from brv_hypo.prediction.changes import CHANGE_CHANCE
+from brv_hypo.prediction.changes import CHANGE_CHANCE, find_differences
 from brv_hypo.prediction.result import LocalChange, reason
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
@@ -90,6 +92,45 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
     assert "contradicts the model" in found.reason
     assert not predicted.refused
     assert "contradicts" not in predicted.reason
+
+
+@pytest.mark.parametrize(
+    ("by", "named"),
+    [
+        ({"C_malpha": -0.0045, "C_m0": 2e-4}, {"C_malpha", "C_m0"}),
+        ({"C_malpha": -0.0045, "C_mq": -0.2}, {"C_malpha", "C_mq"}),
+        ({"C_malpha3": -3.0}, {"C_malpha3"}),
+    ],
+)
+def test_coefficients_that_differ_together_are_named_together(
+    traced: Trace, by: dict[str, float], named: set[str]
+) -> None:
+    """The one whose release helped most stood for both: C_malpha3 for slope and offset."""
+    config = another_flight(trimmed_cone(TRIM), 4)
+    own = config.aerodynamics
+    other = own.model_copy(update={name: getattr(own, name) + value for name, value in by.items()})
+    found = predict(simulate(config.model_copy(update={"aerodynamics": other}), seed=5), traced.model.definition)
+    differences = (found.difference, *found.further_differences)
+    assert {each.term for each in differences if each} == named
+    for each in differences:
+        assert each is not None
+        assert each.value == pytest.approx(by[each.term], abs=3.0 * each.std_error)
+        assert f"{each.term} is {each.frozen:.4g}" in found.reason
+
+
+def test_what_cannot_be_distinguished_is_an_alternative(held: Prediction) -> None:
+    """Two coefficients that err together: either alone may be what differs."""
+    covariance = np.array([[1.0, -0.999, 0.0], [-0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    own: Any = SimpleNamespace(
+        values=np.array([0.6, 0.0, 0.0]), covariance=0.0 * covariance, rows=SimpleNamespace(groups=())
+    )
+    names = ("C_malpha", "C_malpha3", "C_mq")
+    terms: Any = [SimpleNamespace(name=name, mechanism=BASELINE, units="1/rad") for name in names]
+    (found,) = find_differences(own, terms, np.zeros(3), covariance)
+    assert (found.term, found.alternatives) == ("C_malpha", ("C_malpha3",))
+    said = reason(held.model_copy(update={"difference": found, "further_differences": ()}), 0.99, 0.1, 0.1, "")
+    assert "its static moment is another: C_malpha is" in said
+    assert "(or C_malpha3 in its place: this flight does not distinguish them)" in said
 
 
 @pytest.fixture(scope="module")
@@ -304,7 +345,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
     assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
     changed = LocalChange(term="C_mq", units="1/rad", start_s=1.0, stop_s=2.0, mach=None, value=1.0, std_error=0.1,
                           f_ratio=100.0, p_value=0.0)  # fmt: skip
-    other = held.difference.model_copy(update={"term": "C_mq"})
+    other = held.difference.model_copy(update={"term": "C_mq", "mechanism": BASELINE})
     for update in ({"local_change": changed}, {"difference": other}):  # what no trim undoes
         said = reason(held.model_copy(update=update), 0.99, 0.7, 0.0, "trim,instruments")
         assert "`--refit trim,instruments` lets this flight have its own." in said
