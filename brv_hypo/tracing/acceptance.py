@@ -25,7 +25,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, rows_of
-from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, split
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, Part, split
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
@@ -225,23 +225,34 @@ class Tried:
     may_be_named: bool = True
     """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
-    @cached_property
-    def ratio(self) -> float:
-        """Of the moments' mean squared errors on the held-out part, with it and before."""
-        return self.fit.held_out / self.before.held_out
+    def _ratio(self, *parts: Part) -> tuple[float, float]:
+        """Of the moments' mean squared errors on some parts, with it and before; its standard error, over stretches."""
+        rows = np.concatenate([part.rows for part in parts])
+        without = self.fit.without_stretches(*parts) / self.before.without_stretches(*parts)
+        return self.fit.left.mean_square(rows) / self.before.left.mean_square(rows), jackknife_error(without)
 
     @cached_property
-    def ratio_error(self) -> float:
-        """The standard error of the ratio, over held-out stretches."""
-        return jackknife_error(self.fit.left_out / self.before.left_out)
+    def ratio(self) -> tuple[float, float]:
+        """That on the blocks that decide."""
+        return self._ratio(self.before.data.deciding)
+
+    @cached_property
+    def reported(self) -> tuple[float, float]:
+        """That on the blocks that take no part in any choice."""
+        return self._ratio(self.before.data.reported)
+
+    @cached_property
+    def ratio_of_both(self) -> tuple[float, float]:
+        """That on all of these: few stretches of a flight tell little of the ratio's error."""
+        return self._ratio(self.before.data.deciding, self.before.data.reported)
 
     @cached_property
     def score(self) -> float:
-        """Fall of the squared error of moments and force on the held-out part, each over its noise, in standard errors.
+        """Fall of the squared error of moments and force on the blocks that decide, each over its noise, in its errors.
 
         Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
         """
-        part, sigma = self.before.data.held_out, self.before.problem.rows.noise.force.sigma
+        part, sigma = self.before.data.deciding, self.before.problem.rows.noise.force.sigma
         use = part.rows[self.before.left.usable[part.rows] & self.fit.left.usable[part.rows]]
 
         def error(fit: Fit) -> FloatArray:
@@ -273,11 +284,17 @@ class Tried:
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out_scatter)
+        ratio, error = self.ratio
+        no_worse = ratio < 1.0 + max(HELD_OUT_WORSE * error, self._scatter)
         if self.has_tolerance:
             return no_worse
-        falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
+        falls = ratio < 1.0 or (self.candidate.effect is not None and no_worse)
         return falls and self.score >= HELD_OUT_SIGMAS
+
+    @cached_property
+    def _scatter(self) -> float:
+        """Relative standard deviation of white noise's mean square on the blocks that decide, two axes a sample."""
+        return float(np.sum(self.before.left.usable[self.before.data.deciding.rows]) ** -0.5)
 
     @cached_property
     def elsewhere(self) -> float | None:
@@ -290,7 +307,8 @@ class Tried:
 
     def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
         """Why it is no finding, one of so many choices; empty for a finding."""
-        lowers, found = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0, []
+        (ratio, error), found = self.ratio_of_both, []
+        lowers = ratio + FINDING_SIGMAS * error < 1.0 and self.reported[0] < 1.0
         if not lowers:
             found.append("the held-out error of the moments does not fall significantly")
         if (self.elsewhere or 0.0) >= 1.0:

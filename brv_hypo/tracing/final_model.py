@@ -88,7 +88,7 @@ def gathered(
         stopped=stopped,
         unexplained=unexplained(final),
         caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
-        noise=fit.left.mean_square_of_noise(data.held_out.rows),
+        noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
         picture=Picture(
@@ -245,7 +245,8 @@ def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoment
     By Mach number, each held-out stretch with its neighbours: one holds few cycles. Nothing where that is no more than
     the noise may leave by chance.
     """
-    pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
+    parts = [held.rows[a:b] for held in (data.deciding, data.reported) for a, b in held.pieces]
+    pieces = [rows for rows in parts if np.any(own.usable[rows])]
     mach = np.concatenate([each.mach[data.frame.samples(k)] for k, each in enumerate(data.frame.motions)])
     places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
     if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:

@@ -18,6 +18,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised_flights, on_rows
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
@@ -79,6 +80,7 @@ class Flights:
 class Corrected:
     """The records of flights without what a model takes out of them, reconstructed.
 
+    Blocks held out of the fit are `deciding` what is added, or `reported`: their errors take no part in any choice.
     `corrections`, one a flight, are the errors that were found within the tolerances. The regression knows them by
     their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
     """
@@ -87,7 +89,8 @@ class Corrected:
     records: tuple[InertialRecord, ...]
     frame: RateFrame
     fitted: Part
-    held_out: Part
+    deciding: Part
+    reported: Part
     whole: Part
     corrections: tuple[Errors, ...]
 
@@ -290,21 +293,20 @@ class Fit:
 
     @property
     def held_out(self) -> float:
-        """The same on the blocks held out."""
-        return self.left.mean_square(self.data.held_out.rows)
+        """The same on the blocks that take no part in fit or choice."""
+        return self.left.mean_square(self.data.reported.rows)
 
-    @property
-    def held_out_scatter(self) -> float:
-        """Relative standard deviation of that of so much white noise, two axes a sample."""
-        return float(np.sum(self.left.usable[self.data.held_out.rows]) ** -0.5)
-
-    @property
-    def left_out(self) -> FloatArray:
-        """The mean square on the blocks held out without each of their stretches (stretches,)."""
-        part, usable = self.data.held_out, self.left.usable
-        square = np.where(usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)[part.rows]
-        sums, sizes = (np.array([each[a:b].sum() for a, b in part.pieces]) for each in (square, usable[part.rows]))
+    def without_stretches(self, *parts: Part) -> FloatArray:
+        """The mean square on some parts without each of their stretches (stretches,)."""
+        square = np.where(self.left.usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)
+        stretches = [part.rows[a:b] for part in parts for a, b in part.pieces]
+        sums, sizes = (np.array([each[rows].sum() for rows in stretches]) for each in (square, self.left.usable))
         return np.asarray((sums.sum() - sums) / np.maximum(sizes.sum() - sizes, 1.0), dtype=float)
+
+    @property
+    def held_out_error(self) -> float:
+        """The standard error of `held_out`."""
+        return jackknife_error(self.without_stretches(self.data.reported))
 
     @cached_property
     def residual(self) -> Residual:

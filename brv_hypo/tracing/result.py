@@ -42,8 +42,8 @@ class TraceConfig(BaseModel):
     """Whether the dictionary of generic terms is searched too."""
     method: Method = "joint"
     """Of reconstruction, as in `reconstruct`."""
-    blocks: int = Field(default=32, ge=8, le=200)
-    """Blocks of time that the record is cut into; every fourth is held out."""
+    blocks: int = Field(default=32, ge=16, le=200)
+    """Blocks of time that the record is cut into; every fourth decides what is added, every eighth is reported."""
     max_steps: int = Field(default=8, ge=1, le=30)
     """Effects that may be added."""
     significance: float = Field(default=0.01, gt=0.0, lt=0.5)

@@ -19,7 +19,6 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
-from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
@@ -157,9 +156,7 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
     models += zip((start, *added), fits, strict=True)
-    return tuple(
-        Account(model=name, held_out=fit.held_out, std_error=jackknife_error(fit.left_out)) for name, fit in models
-    )
+    return tuple(Account(model=name, held_out=fit.held_out, std_error=fit.held_out_error) for name, fit in models)
 
 
 # ---- One step ----
@@ -309,8 +306,8 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
         description="" if leading is None else _described(leading.candidate, fit),
         error_before=Errors(fit=fit.error, held_out=fit.held_out),
         error_after=None if leading is None else Errors(fit=leading.fit.error, held_out=leading.fit.held_out),
-        error_ratio_held_out=None if leading is None else leading.ratio,
-        error_ratio_std_error=None if leading is None else leading.ratio_error,
+        error_ratio_held_out=None if leading is None else leading.reported[0],
+        error_ratio_std_error=None if leading is None else leading.reported[1],
         held_out_score=None if leading is None else leading.score,
         ratio_of_flights_left_out=None if leading is None else leading.elsewhere,
     )
