@@ -60,8 +60,8 @@ class ChangedSchedule(Mechanism):
 
 
 def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray) -> Evidence:
-    """The same with coefficients `fixed` (columns,) within their covariance (fixed columns, fixed columns), but slope
-    and damping as such; NaN where a coefficient is free.
+    """The same with coefficients `fixed` (columns,), NaN where one is free, within their covariance (fixed columns,
+    fixed columns), but slope and damping as such.
     """
     rows, known = own.rows, np.flatnonzero(~np.isnan(fixed))
     x = rows.of_moments(rows.frame, columns)
@@ -148,15 +148,11 @@ def find_differences(
         some = list(released)
         return float(weighed[some] @ np.linalg.pinv(inverse[np.ix_(some, some)], rcond=_KNOWN) @ weighed[some])
 
-    chosen = list[int]()
-    for size in range(1, min(CHANGED_TOGETHER, known.size) + 1):
-        best = max(itertools.combinations(range(known.size), size), key=improvement)
-        chance = known.size * stats.chi2.sf(improvement(best) - improvement(chosen), 1)
-        if chosen and chance > REFUSED:
-            break
-        chosen = list(best)
-        if chance > REFUSED:
-            break
+    sizes = range(1, min(CHANGED_TOGETHER, known.size) + 1)
+    best = [max(itertools.combinations(range(known.size), size), key=improvement) for size in sizes]
+    falls = np.diff([0.0, *map(improvement, best)])
+    surely = int(np.argmin([*(known.size * stats.chi2.sf(falls, 1) < REFUSED), False]))
+    chosen = [] if not best else list(best[max(surely - 1, 0)])
     errors = np.linalg.pinv(inverse[np.ix_(chosen, chosen)], rcond=_KNOWN)
     values, scales, found = errors @ weighed[chosen], np.sqrt(np.diag(errors)), []
     for place, k in enumerate(chosen):

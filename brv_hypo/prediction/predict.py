@@ -323,9 +323,8 @@ def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArra
 
 
 def _in_model(model: Model, name: str) -> str:
-    """The name of the model's bend, where a mechanism of this name is the very same moment; else the name.
-
-    Fitted beside the frozen bend, neither coefficient would say anything by itself.
+    """The name of the model's bend, where a mechanism of this name is the very same moment, and neither coefficient
+    would say anything by itself; else the name.
     """
     item = installed()[name].item if name in installed() else None
     if StaticBend.name not in model.mechanisms or not isinstance(item, Mechanism):
@@ -334,10 +333,7 @@ def _in_model(model: Model, name: str) -> str:
 
 
 def _found_on(content: SavedModel, flight: Flight) -> int | None:
-    """Which of the model's own records this is, or a part of which; None for another flight, if by the same name.
-
-    Then the model's times and errors are the flight's.
-    """
+    """Which of the model's own records this is, or a part of which; None for another flight, if by the same name."""
     if (own := digest(flight)) in content.digests:
         return content.digests.index(own)
     first, last, path = float(flight.time[0]), float(flight.time[-1]), Path(flight.path)

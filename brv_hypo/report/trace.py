@@ -148,7 +148,7 @@ def trace_document(result: Trace) -> Document:
     conclusion = (
         "" if sound else CONTRADICTED,
         _found_text(result),
-        f"Hints, no findings: {', '.join(result.hints)}. {next_step(result)}" if result.hints else "",
+        f"Hints, no findings: {result.hints_in_words}. {next_step(result)}" if result.hints else "",
         result.static_stability or stable,
         result.dynamic_stability,
         " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
@@ -183,9 +183,7 @@ def trace_document(result: Trace) -> Document:
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
-    # The coefficient of a ramp is a rate, and no size of what was found.
-    rising = {term.mechanism for term in result.model.terms if term.name.startswith("ramp ")}
-    own = [term for term in result.model.terms if term.mechanism in set(result.findings) - rising]
+    own = [term for term in result.model.terms if term.mechanism in result.findings]
     heading = "What was found, beside all that was added and without processes: quote those of compare"
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST)
     warnings = (*fault_texts(result.record), *result.caveats)

@@ -1,8 +1,7 @@
 """Which effect joins a model: a candidate as it is fitted, the blocks held out, all processes, repetitions.
 
-A `Candidate` is one effect as fitted beside a model. `Tried` is a candidate with the model that it makes: `accepted` is
-the one test by which it joins the model. `choose` tries the candidates of a step, best first, and says how many
-repetitions name the one that is accepted.
+`Tried.accepted` is the one test by which a candidate joins the model. `choose` tries the candidates of a step, best
+first, and says how many repetitions name the one that is accepted.
 """
 
 from __future__ import annotations
@@ -135,9 +134,7 @@ class Candidate:
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what it would lose by values that a body may have; of several flights, whose values differ, as it
-    is.
-    """
+    """The fit with what it would lose by values that a body may have; of several flights, which differ, as it is."""
     if len(problem.records) > 1 or not any(mechanism.bounds for mechanism in fit.mechanisms):
         return fit
     return within_bounds(with_errors(problem, replace(fit, bound_cost=0.0)))
@@ -210,20 +207,18 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
 class Tried:
     """A candidate with the model that it makes (`fit`) and the one `before`.
 
-    What has a tolerance is fixed at zero before, though every other fit has it within its tolerance.
+    What `has_tolerance` is fixed at zero before, though every other fit has it within that. `gain`, where `agrees`: of
+    the log evidence beside all processes or, up to none, in the place of its family's. Beside a `white` residual the
+    evidence has to want it clearly. `may_be_named`: so it does, or no other family explains most of the residual.
     """
 
     candidate: Candidate
     before: Fit
     fit: Fit
     has_tolerance: bool
-    """Whether every fit has it within its tolerance."""
     gain: float = 0.0
-    """Of the log evidence beside all processes or, up to none, in the place of its family's; where `agrees`."""
     white: bool = False
-    """Whether the residual before is noise, beside which an effect is added only if the evidence clearly wants it."""
     may_be_named: bool = True
-    """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
     def _ratio(self, *parts: Part) -> tuple[float, float]:
         """Of the moments' mean squared errors on some parts, with it and before; its standard error, over stretches."""
@@ -267,16 +262,13 @@ class Tried:
 
     @property
     def accepted(self) -> bool:
-        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all.
-
-        What the evidence does not want beside them is refused where another family explains most of the residual.
-        """
+        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
         wanted = self.gain > (SPECIFIC if self.white else 0.0 if self.has_tolerance else -SPECIFIC)
         return self.agrees and wanted and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
     def agrees(self) -> bool:
-        """Whether the held-out part agrees.
+        """Whether the blocks that decide agree.
 
         The error of moments and force has to fall significantly, and that of the moments alone, but for an error of the
         record: it may show in the specific force, and must not make the moments significantly worse then. What every
@@ -324,10 +316,7 @@ class Tried:
 
 
 def error_elsewhere(fit: Fit, number: int) -> float:
-    """Mean square of the moment errors on one flight of the shared coefficients that the others have.
-
-    What is of this flight alone is fitted to it.
-    """
+    """Mean square of the moment errors on one flight with the others' shared coefficients, its own fitted to it."""
     data, inside = fit.data, fit.data.frame.flight_of_row == number
     numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
     flights = np.array([-1 if each is None else each for each in numbers])
@@ -342,9 +331,8 @@ def error_elsewhere(fit: Fit, number: int) -> float:
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates beside a fit, best first, and those that were tried on the held-out part, in order.
-
-    `named_in`: the share of the repetitions that name the last of these, where the held-out part agrees with it.
+    """The candidates beside a fit, best first, those that were tried on the held-out part, in order, and the share of
+    the repetitions that name the last of these (`named_in`), where the held-out part agrees with it.
     """
 
     fit: Fit
@@ -360,16 +348,12 @@ class Choice:
 
     @cached_property
     def significant(self) -> list[Candidate]:
-        """Those that count.
-
-        Where the residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
-        that every fit allows it.
-        """
+        """Those that count; where the residual is white, what is beyond doubt or has a tolerance to exceed."""
         level, white, found = self.fit.data.source.config.significance, self.fit.residual.white, []
-        for each in (each for each in self.ranked if each.gain > 0.0 and each.fall >= LOOP_DETECTED):
+        for each in self.ranked:
             doubted = white and not has_tolerance(self.fit.problem, each.name)
-            if self.chances[each.name] <= level * (LOOP_BEYOND_DOUBT if doubted else 1.0):
-                found.append(each)
+            sure = self.chances[each.name] <= level * (LOOP_BEYOND_DOUBT if doubted else 1.0)
+            found += [each] if sure and each.gain > 0.0 and each.fall >= LOOP_DETECTED else []
         return found
 
     @property
@@ -391,11 +375,9 @@ class Choice:
     @property
     def reported(self) -> tuple[Candidate, ...]:
         """The candidates with the leading one first and what this flight cannot tell from it after it."""
-        if self.leading is None:
-            return self.ranked
-        leader = self.leading.candidate
-        rank = {leader.name: 0, **dict.fromkeys(confounded(leader, self.ranked), 1)}
-        return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
+        first = [] if self.leading is None else [self.leading.candidate]
+        like = [name for each in first for name in (each.name, *confounded(each, self.ranked))]
+        return tuple(sorted(self.ranked, key=lambda each: like.index(each.name) if each.name in like else len(like)))
 
 
 def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
@@ -478,9 +460,7 @@ def named_again(beside: Beside, offered: Sequence[Candidate], own: Candidate, fi
 
 
 def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[str, HypothesisFit]]:
-    """The fits of rivals by name, mechanisms searched anew on another grid of knots; on one flight, where they are
-    searched so, and not of one that has no rival.
-    """
+    """The fits of rivals by name, mechanisms searched anew on other grids of knots; of one flight, where they are."""
     timed = [r for r in rivals if r.kind == "mechanism" and r.fit.mechanisms[0].time_variation != ("constant",)]
     if not timed or len(rivals) == 1 or len(fit.problem.records) > 1:
         return

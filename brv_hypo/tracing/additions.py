@@ -31,10 +31,8 @@ Variant = tuple[Applied, ...]
 def analyse_step(
     fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], describe: bool = False
 ) -> tuple[Fit, tuple[Candidate, ...]]:
-    """Every candidate beside a model on the fitted part of linearised flights, and the fit under the noise that they
-    show.
-
-    To `describe`: the one entry of the dictionary too that describes best what is unexplained.
+    """Every candidate beside a model, to `describe` the best entry of the dictionary too, on the fitted part of
+    linearised flights, and the fit under the noise that they show.
     """
     model = fit.model
     catalogue: dict[str, list[Variant]] = {}
@@ -86,9 +84,7 @@ def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Va
 
 
 def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | None:
-    """A record effect's best components, at its best variant; None where only absurd sizes fit: the record would
-    explain itself away.
-    """
+    """A record effect's best components, at its best variant; None where only absurd sizes fit."""
     problem, searched = fit.problem, sum(map(len, variants))
     found = []
     for variant in filter(None, variants):
@@ -103,9 +99,8 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
-    """A record effect that comes in variants brought closer to its best one, and the fit that has those histories.
-
-    However little it gains: a quarter of a second off its time, a step of the wind may look like nothing.
+    """A record effect brought closer to its best variant, and the fit with those histories; however little it gains:
+    a quarter of a second off its time, a step of the wind may look like nothing.
     """
     for _ in range(RECORD_EFFECT_CLOSER):
         best = candidate.applied[0]

@@ -227,9 +227,8 @@ class Beside:
 def beside_processes(
     fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Histories] | None = None
 ) -> Beside:
-    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record.
-
-    `given`: histories that may become columns.
+    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record;
+    `given` are histories that may become columns.
     """
     model, data, count = fit.model, fit.data, len(before.columns)
     base, added = model.columns[:count], model.columns[count:]
@@ -281,9 +280,8 @@ def _finer_processes() -> tuple[MomentProcess, ...]:
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:
-    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many.
-
-    So is their prior: were it of typical sizes, errors of the record would come before moments that are there.
+    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many; so is their prior: were it
+    of typical sizes, errors of the record would come before moments that are there.
     """
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_PRIOR), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))

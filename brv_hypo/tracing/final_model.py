@@ -25,9 +25,10 @@ from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, SavedRecordError, digest
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
+from brv_hypo.tracing.fit import Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
 UNSTABLE_SIGMAS = 3.0  # of the worst of 32 places (`REPORTED_SLOPES`): at 5 % (Bonferroni)
@@ -45,42 +46,36 @@ def gathered(
     stopped: Stop,
     discovery: MechanismFile | None,
 ) -> Trace:
-    """The result of the contract; `before` are the residual moments of the first model, `beside` is the last one's
-    evidence beside processes.
-    """
+    """The result of the contract, of residual moments `before`, and the last model's evidence `beside` processes."""
     data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
-    found = whole.coefficients
-    definition = _definition(fit, whole, found)
+    columns, values, covariance = whole.coefficients
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
     slopes, damped = (
         along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, by, weight) for by in (slope, damping)
     )
     # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
     # the baseline's tolerances, of which they make none, come last.
-    of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
+    of_processes = np.pad(beside.errors_of_processes[0], (0, values.size - len(fit.model.columns)))
     number = final.flight or 0  # the one of several that is drawn
     rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
     kept = (before.usable & fit.left.usable)[rows]
     samples, rows = data.frame.samples(number)[kept], rows[kept]
-    findings, every = names_added(steps, "finding"), zip(flights, data.frame.reconstructions, slopes, strict=True)
+    every = zip(flights, data.frame.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
         steps=tuple(steps),
-        findings=findings,
-        hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
+        findings=names_added(steps, "finding"),
+        hints=names_added(steps, "hint"),
         families=steps[0].families,
         account=account,
         model=ModelSummary(
-            terms=(
-                *estimates(found.columns, found.values, found.covariance + of_processes, data.frame),
-                *_record_terms(whole),
-            ),
-            definition=definition,
+            terms=(*estimates(columns, values, covariance + of_processes, data.frame), *_record_terms(whole)),
+            definition=_definition(fit, whole),
         ),
         record_errors=record_errors(beside, weight),
-        **collinear(found.columns, found.covariance),
+        **collinear(columns, covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
@@ -90,7 +85,7 @@ def gathered(
         caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
-        discovered=_described(fit.model, found, discovery),
+        discovered=_described(fit.model, columns, values) or discovery,
         picture=Picture(
             measured=pair(data.moments(data.frame.observed).body[rows]),
             before=pair(before.body[rows]),
@@ -102,14 +97,14 @@ def gathered(
     )
 
 
-def _described(model: Model, found: Coefficients, discovery: MechanismFile | None) -> MechanismFile | None:
-    """All that was described in generic terms, with its values; where nothing was added, what could not be."""
+def _described(model: Model, columns: Sequence[Regressor], values: FloatArray) -> MechanismFile | None:
+    """All that was added in generic terms, with its values (columns,)."""
     pieces = []
-    for name in dict.fromkeys(c.mechanism for c in found.columns if c.mechanism.startswith(GENERIC)):
-        own = [k for k, column in enumerate(found.columns) if column.mechanism == name]
-        if isinstance(piece := model.mechanisms[name], YamlMechanism):
-            pieces.append((piece, [found.columns[k] for k in own], found.values[own]))
-    return file_of(pieces) if pieces else discovery
+    for name, piece in model.mechanisms.items():
+        if name.startswith(GENERIC) and isinstance(piece, YamlMechanism):
+            own = [k for k, column in enumerate(columns) if column.mechanism == name]
+            pieces.append((piece, [columns[k] for k in own], values[own]))
+    return file_of(pieces) if pieces else None
 
 
 def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -121,9 +116,8 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
-    """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty.
-
-    At zero alpha where samples are near it, elsewhere at the angle flown.
+    """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty. At zero alpha where
+    samples are near it, elsewhere at the angle flown.
     """
     several = len(slopes) > 1
     found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
@@ -198,9 +192,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 
 
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
-    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
-    along.
-    """
+    """What was taken out of the record, with the standard errors of a further change, moments and motion fitted too."""
     variances = np.diag(whole.covariance)[len(whole.model.columns) :]
     pairs = zip(whole.nuisances, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True)
     of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
@@ -211,8 +203,9 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     return tuple(found)
 
 
-def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
+def _definition(fit: Fit, whole: Fit) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
+    columns, values, covariance = whole.coefficients
     flights, lasts, left = fit.data.source.records, fit.model.lasting, fit.left
     if not np.all(lasts):  # as it is on other flights
         known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
@@ -222,7 +215,7 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     flown = {"alpha": (0.0, float(alpha.max()))}
     if np.all(np.isfinite(mach)):
         flown["mach"] = (float(mach.min()), float(mach.max()))
-    saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
+    saved = whole.model.but(columns=columns).saved().with_coefficients(values, covariance)
     return saved.model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),

@@ -152,9 +152,8 @@ class Corrected:
 
 
 def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
-    """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
-
-    What the reconstruction finds of the remaining errors within their tolerances is taken out too.
+    """Reconstruct the flights as the model reads their records, `corrections` out of each besides, and what the
+    reconstruction finds of the remaining errors within their tolerances.
     """
     corrections = tuple(corrections) if corrections is not None else tuple({} for _ in source.records)
     points = [source.read(number, model, known) for number, known in enumerate(corrections)]
@@ -166,13 +165,8 @@ def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None 
     return Corrected(source, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Columns of moments with their coefficients (columns,) and these' covariance."""
-
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    covariance: FloatArray
+Coefficients = tuple[tuple[Regressor, ...], FloatArray, FloatArray]
+"""Columns of moments with their coefficients (columns,) and these' covariance."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +243,7 @@ class Fit:
         scale = np.array([*np.ones(values.size), *(items[k].size for k in places)])
         chosen = np.array([*range(values.size), *(values.size + k for k in places)], dtype=int)
         covariance = self.covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
-        return Coefficients((*self.model.columns, *more), scale * np.append(values, others[places]), covariance)
+        return (*self.model.columns, *more), scale * np.append(values, others[places]), covariance
 
     @property
     def record_errors(self) -> tuple[Errors, ...]:
@@ -310,9 +304,8 @@ class Fit:
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual. White is only what is no larger than noise.
-
-        Of several flights, size and place are those of the one with the largest residual against its noise.
+        """Tests of the residual; white is only what is no larger than noise. Of several flights, size and place are of
+        the one with the largest residual against its noise.
         """
         data, left = self.data, self.left
         spans = [data.frame.span(number) for number in range(len(data.records))]
@@ -340,9 +333,8 @@ class Fit:
         )
 
     def on_whole_record(self) -> Fit:
-        """The same on the whole record, with the effective share of samples that the fitted part shows.
-
-        Without histories that may become columns.
+        """The same on the whole record, without histories that may become columns, with the effective share of samples
+        that the fitted part shows.
         """
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
@@ -363,9 +355,8 @@ class Fit:
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones.
-
-    Without a `noise`, it is what the record itself says, raised to what the model leaves.
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones; without a `noise`, under what
+    the record itself says, raised to what the model leaves.
     """
     linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
@@ -431,9 +422,8 @@ def _without_its_errors(fit: Fit) -> Fit:
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
-    """What is taken out of one flight's record from here on: its errors within their tolerances.
-
-    `found` are whole errors, with what was taken out `before` in them.
+    """What is taken out of one flight's record from here on: its errors within their tolerances. `found` are whole
+    errors, with what was taken out `before` in them.
     """
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     most = {(e.name, c.name): MODEL_PLAUSIBLE * c.size for e in nuisance_effects() for c in e.components(flight)}

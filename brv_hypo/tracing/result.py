@@ -167,6 +167,10 @@ class Step(NullIsNaN):
     held_out_score: float | None = None
     ratio_of_flights_left_out: float | None = None
 
+    def as_hint(self, doubt: str) -> Step:
+        """The same as a hint, for a further doubt."""
+        return self.model_copy(update={"status": "hint", "doubts": (*self.doubts, doubt)})
+
     @property
     def exceeds_tolerance(self) -> bool:
         """Whether every model has what was added within its tolerance: the ratio is to a model without any of it."""
@@ -248,9 +252,14 @@ class Trace(HasCharts, Result):
         """The effects that were added and stay, in order; once, though an effect was added in parts."""
         return names_added(self.steps)
 
+    @property
+    def hints_in_words(self) -> str:
+        """The hints; of what was found, a further part may be one."""
+        return ", ".join(name + (" (a further part)" if name in self.findings else "") for name in self.hints)
+
     def headline(self) -> str:
         """What was found, what is hinted at, and why the loop stopped."""
-        hints = f"; hints {', '.join(self.hints)}" if self.hints else ""
+        hints = f"; hints {self.hints_in_words}" if self.hints else ""
         found = ", ".join(self.findings) or "nothing"
         return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
 
@@ -260,17 +269,11 @@ class Trace(HasCharts, Result):
 
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""
-        return [
-            {
-                "step": step.step,
-                "added": step.added,
-                "standing": step.status,
-                "named_in": step.named_in,
-                "residual_rms": step.residual.rms,
-                "white": step.residual.white,
-                **{f"{k}_before": value for k, value in step.error_before},
-                **{f"{k}_after": value for k, value in step.error_after or ()},
-                "error_ratio_held_out": step.error_ratio_held_out,
-            }
-            for step in self.steps
-        ]
+        rows = []
+        for step in self.steps:
+            residual = {"residual_rms": step.residual.rms, "white": step.residual.white}
+            errors = {f"{k}_before": value for k, value in step.error_before}
+            errors |= {f"{k}_after": value for k, value in step.error_after or ()}
+            own = {"step": step.step, "added": step.added, "standing": step.status, "named_in": step.named_in}
+            rows.append({**own, **residual, **errors, "error_ratio_held_out": step.error_ratio_held_out})
+        return rows

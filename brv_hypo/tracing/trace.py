@@ -215,9 +215,8 @@ def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
 
 
 def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the effects whose moments are not wanted beside all others and processes.
-
-    Schedules, which change what the baseline is, and what every fit has within its tolerance are left as they are.
+    """Those of the effects whose moments are not wanted beside all others and processes; not schedules, which change
+    what the baseline is, nor what every fit has within its tolerance.
     """
     model, flights = fit.model, fit.data.flights
     known = [model.mechanisms[name] for name in names if name in model.mechanisms]
@@ -244,25 +243,20 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
         return "processes of its family have much to explain beside it" if much else ""
 
     return [
-        _as_hint(step, found) if step.added and step.status == "finding" and (found := doubt(step.added)) else step
+        step.as_hint(found) if step.added and step.status == "finding" and (found := doubt(step.added)) else step
         for step in steps
     ]
 
 
 def beside_hints(steps: Sequence[Step]) -> list[Step]:
-    """The steps, whose findings are hints where the model had what earlier steps added and did not establish.
-
-    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
+    """The steps, whose findings are hints where the model had what earlier steps added and did not establish: what is
+    added beside it may make up for it.
     """
     found = list[Step]()
     for step in steps:
         rests = any(each.status == "hint" for each in lasting_steps([*found, step])[:-1])
-        found.append(_as_hint(step, "it rests on an earlier hint") if rests and step.status is not None else step)
+        found.append(step.as_hint("it rests on an earlier hint") if rests and step.status is not None else step)
     return found
-
-
-def _as_hint(step: Step, doubt: str) -> Step:
-    return step.model_copy(update={"status": "hint", "doubts": (*step.doubts, doubt)})
 
 
 # ---- What a step says ----

@@ -20,7 +20,7 @@ from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.fit import Flights
-from brv_hypo.tracing.result import Family, ProcessHistory
+from brv_hypo.tracing.result import Family, ProcessHistory, names_added
 from tests.chains import ONE_EFFECT, traced_trim, trimmed_cone
 from tests.flights import nominal
 from tests.shared_data import shared_file
@@ -182,6 +182,20 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
     assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
     assert document.ahead == ()
+
+
+def test_a_further_part_of_what_was_found_is_a_hint_and_ramps_are_in_its_table() -> None:
+    """Once a finding with a ramp had no table, and what was added to it as a hint was in no list."""
+    traced = traced_trim()
+    step = traced.steps[0]
+    steps = (step, step.model_copy(update={"status": "hint"}))
+    assert (names_added(steps, "finding"), names_added(steps, "hint")) == (("trim",), ("trim",))
+    terms = [each.model_copy(update={"name": f"ramp in {each.name}"}) for each in traced.model.terms]
+    model = traced.model.model_copy(update={"terms": tuple(terms)})
+    both = traced.model_copy(update={"findings": ("trim",), "hints": ("trim",), "model": model})
+    assert "Hints, no findings: trim (a further part)." in trace_document(both).conclusion
+    tables = [block for block in flat(trace_document(both).beside) if isinstance(block, Table)]
+    assert [row["term"] for row in tables[0].rows] == ["ramp in C_m0", "ramp in C_n0"]
 
 
 def test_what_has_no_tolerance_is_said_to_lower_the_error() -> None:
