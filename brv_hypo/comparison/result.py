@@ -495,7 +495,7 @@ class Comparison(HasCharts, Result):
         ends, size = (acts[0].start_s, acts[-1].stop_s), ""
         if len(acts) == 1 and len(acts[0].values) == 1:
             (net,) = acts[0].values
-            damps = ", which damps" if net.value < 0.0 else ", which undamps"
+            damps = ", which damps" if net.value < 0.0 else ", which lets the motion grow"
             sign = damps if net.name == DAMPING else ""
             size = f" {net.name} is {estimated(net.value, net.std_error)}{sign}."
         size += self._how_large(leader.mechanism)

@@ -42,7 +42,7 @@ STATIC_TRACED = (
     "extrapolated, and compare may differ."
 )
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
+SURE, NOT_SURE = (f"{how} above {share(LEAST_FAMILY)}" for how in ("surely", "not surely"))
 CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
 _STOPPED = {
     "white": "The residual is noise.",
@@ -52,8 +52,8 @@ _STOPPED = {
 }
 """Why the loop stopped, where that says something of the flight."""
 _ERRORS = (
-    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
-    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
+    "Mean square of the moment error; held out: on blocks that take no part in fit or choice; sigma: its standard "
+    "error, from block to block. Errors of the record, with their tolerances as 1 sigma, are fitted in every model"
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
 HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
@@ -99,7 +99,7 @@ def families_chart(step: Step) -> Chart:
     for each in step.decomposition:
         sure, size, (low, high) = is_sure(each), 100.0 * each.share, (100.0 * end for end in each.interval_95)
         bar = Bars([f"{each.family} {share(each.share)}"], [size], error=([size - low], [high - size]))
-        layers.append(replace(bar, role="second") if sure else replace(bar, role="none", name=NOT_SURE))
+        layers.append(replace(bar, role="second", name=SURE) if sure else replace(bar, role="none", name=NOT_SURE))
     rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
     layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
     read = "first by effects that were added, then by processes (95 % intervals)."

@@ -16,7 +16,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.intervals import within_bounds
+from brv_hypo.comparison.intervals import out_of_bounds, within_bounds
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise
@@ -61,6 +61,7 @@ LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
+IMPOSSIBLE_SIGMAS = 3.0  # standard errors by which a value may lie outside what is possible; convention
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
 
@@ -297,6 +298,12 @@ class Tried:
         before, after = (sum(error_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
         return after / before
 
+    @cached_property
+    def impossible(self) -> str:
+        """A value that is impossible, in words; empty where none is, and of several flights, whose values differ."""
+        excess = out_of_bounds(self.candidate.fit) if len(self.fit.data.records) == 1 else None
+        return excess.words if excess is not None and excess.sigmas > IMPOSSIBLE_SIGMAS else ""
+
     def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
         """Why it is no finding, one of so many choices; empty for a finding."""
         (ratio, error), found = self.ratio_of_both, []
@@ -310,6 +317,8 @@ class Tried:
                 f"processes may explain the flight instead: beside them it gains {self.gain:.1f} in ln evidence, and "
                 f"one of {choices} effects that were tried needs {SPECIFIC + np.log(choices):.1f}"
             )
+        if self.impossible:
+            found.append(f"its value is impossible: {self.impossible}")
         if named_in < FINDING_REPEATED:
             found.append(f"fewer than {100.0 * FINDING_REPEATED:.0f} % of the repetitions name it")
         return tuple(found)

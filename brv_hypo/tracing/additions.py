@@ -20,7 +20,7 @@ from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
-from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST, RECORD_SHARE_LARGEST
 from brv_hypo.tracing.fit import Fit, history_name
 
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
@@ -84,7 +84,7 @@ def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Va
 
 
 def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | None:
-    """A record effect's best components, at its best variant; None where only absurd sizes fit."""
+    """A record effect's best components, at its best variant; None where only sizes fit that no record has."""
     problem, searched = fit.problem, sum(map(len, variants))
     found = []
     for variant in filter(None, variants):
@@ -93,7 +93,11 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
         for own in forward(problem, effect.name, (), problem.frame, columns, searched):
             pairs = zip(own.selected, own.values[own.baseline_size :].tolist(), strict=True)
             applied = tuple(known[column.term].model_copy(update={"value": value}) for column, value in pairs)
-            if all(abs(each.value) <= RECORD_EFFECT_LARGEST * each.size for each in applied):
+            sizes = (
+                abs(a.value) / (1.0 if a.units == "1" else np.inf) for a in applied
+            )  # as shares of what is measured
+            few = all(abs(a.value) <= RECORD_EFFECT_LARGEST * a.size for a in applied)
+            if few and max(sizes) < RECORD_SHARE_LARGEST:
                 found.append(Candidate(effect.kind, fit.null, own, applied))
     return min(found, key=lambda candidate: candidate.fit.information, default=None)
 

@@ -41,6 +41,7 @@ from brv_hypo.tracing.result import Family, ProcessHistory
 
 FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
+RECORD_SHARE_LARGEST = 1.0  # of what is measured, that an error in proportion to it may be: then nothing was measured
 RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
 _PLACES = 9  # at which the history of a process is reported
 

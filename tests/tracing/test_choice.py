@@ -237,12 +237,13 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
                 "effects that were tried needs 7.3",
             ),
         ),
+        ({"impossible": "eps = 70"}, 1.0, ("its value is impossible: eps = 70",)),
         ({}, 0.7, ("fewer than 75 % of the repetitions name it",)),
     ],
 )
 def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, said: tuple[str, ...]) -> None:
     one = judged(candidate("lag", 90.0), 5.0, 0.5)
-    one = known(one, **({"gain": 2.0 * SPECIFIC, "ratio_of_both": (0.5, 0.01), "elsewhere": None} | changed))
+    one = known(one, **({"gain": 2.0 * SPECIFIC, "elsewhere": None, "impossible": ""} | changed))
     assert one.doubts(named_in, 10) == said
 
 

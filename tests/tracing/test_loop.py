@@ -224,9 +224,13 @@ def test_the_chart_of_families_marks_those_that_the_text_is_not_sure_of() -> Non
     chart = families_chart(step)
     bars = [(layer.names, layer.role, layer.name) for layer in chart.panels[0].layers if isinstance(layer, Bars)]
     rest = (["noise, lack of fit 15 %"], "measured", "")
-    assert bars == [(["body 83 %"], "second", ""), (["air 2 %"], "none", "not surely above 0.5 %"), rest]
+    assert bars == [
+        (["body 83 %"], "second", "surely above 0.5 %"),
+        (["air 2 %"], "none", "not surely above 0.5 %"),
+        rest,
+    ]
     drawn, names = plotly_chart(chart), ["body 83 %", "air 2 %", *rest[0]]
-    assert [trace["name"] for trace in drawn["traces"] if trace["showlegend"]] == [bars[1][2]]
+    assert [trace["name"] for trace in drawn["traces"] if trace["showlegend"]] == [bars[0][2], bars[1][2]]
     assert [text.get_text() for text in chart_figure(chart).axes[0].get_yticklabels()] == names
     body, ends = drawn["traces"][0], [surely.interval_95[0], surely.interval_95[1]]
     error = body["error_x"]
