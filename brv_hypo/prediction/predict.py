@@ -1,10 +1,9 @@
 """`predict`: what a model that was found on other flights, its coefficients frozen, says of this one.
 
-What the model's coefficients err by, and the record's errors fixed within their tolerances, change what is fitted
-along; to first order, what is left of it after that fit widens the prediction interval beyond the noise. So does the
-model's own error (`ModelError`), as measured on stretches that took no part in its fit: a record's noise says how far
-its moments lie from a model that is right, and one that is only the best that was found errs besides. What is fitted
-along takes some of the noise with it where it is fitted, and brings its own error elsewhere.
+What the model's coefficients err by, and the record's errors fixed within their tolerances, widens the prediction
+interval beyond the noise, to first order by what is left of it after all that is fitted along. So does the model's own
+error (`ModelError`), as measured on stretches that took no part in its fit. What is fitted along takes some of the
+noise with it where it is fitted, and brings its own error elsewhere.
 
 The attitude is the integral of the very noise that the rates show, and the static moment follows the attitude: of noise
 at a frequency f, the difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion
@@ -267,13 +266,12 @@ def _frozen(
         values = first_values(data.frame, data.whole, model.columns)
         fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
         # What has no prior was found on this very record, and is taken out of it; so are errors that are known.
-        held = []
+        held = fixed.tolist()
         for item in fit.nuisances:
             beyond = (own_errors.get((item.name, item.component), 0.0) - (item.applied or 0.0)) / item.size
-            value = beyond if np.isfinite(item.present) else 0.0
-            held.append(np.nan if item.name in (*_OF_THE_MOTION, *effects) else value)
-        others = np.array(held)
-        return replace(fit, problem=fit.problem.on(part), known=np.append(fixed, others))
+            free = item.name in (*_OF_THE_MOTION, *effects)
+            held.append(np.nan if free else beyond if np.isfinite(item.present) else 0.0)
+        return replace(fit, problem=fit.problem.on(part), known=np.array(held))
 
     places = np.array([place.get(column, -1) for column in model.columns])
     corrections = next_corrections(0, flight, model, own_errors, {})
@@ -323,13 +321,9 @@ def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArra
 
 
 def _in_model(model: Model, name: str) -> str:
-    """The name of the model's bend, where a mechanism of this name is the very same moment, and neither coefficient
-    would say anything by itself; else the name.
-    """
-    item = installed()[name].item if name in installed() else None
-    if StaticBend.name not in model.mechanisms or not isinstance(item, Mechanism):
-        return name
-    return StaticBend.name if is_bend(item, sample_motion(uniform_time())) else name
+    """The name of the model's bend, where a mechanism of this name is the very same moment; else the name."""
+    item = installed()[name].item if name in installed() and StaticBend.name in model.mechanisms else None
+    return StaticBend.name if isinstance(item, Mechanism) and is_bend(item, sample_motion(uniform_time())) else name
 
 
 def _found_on(content: SavedModel, flight: Flight) -> int | None:

@@ -18,10 +18,8 @@ from brv_hypo.thresholds import NOISE_LEVEL, REFUSED
 
 # Held by `tests.studies.independent.sisters`.
 PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights flew, from which nothing is said of it
-# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the noise's mean squares below which the frozen model's is small enough to need none.
-PREDICTED_GREATLY = 0.5
-PREDICTED_SMALL = 4.0
+PREDICTED_GREATLY = 0.5  # share of the frozen model's mean square, from which letting the record err is worth a word
+PREDICTED_SMALL = 4.0  # mean squares of the noise, up to which that of the frozen model needs none
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
 PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which a model's residual where it was found is reported
 
@@ -260,8 +258,7 @@ def _differs(found: Prediction) -> str:
 def _in_words(difference: Difference) -> str:
     """A coefficient that differs, the function that it is part of, and what may differ in its place."""
     units = "" if difference.units == "1" else f" {difference.units}"
-    own = difference.mechanism == BASELINE
-    like = difference.alternatives
+    own, like = difference.mechanism == BASELINE, difference.alternatives
     static = own and like and all(name.startswith(("C_m0", "C_malpha")) for name in (difference.term, *like))
     others = f" (or {' or '.join(like)} in its place: this flight does not distinguish them)" if like else ""
     return (
@@ -274,8 +271,5 @@ def _in_words(difference: Difference) -> str:
 
 def _explains(share: float) -> str:
     """What a model does to a mean square; one that explains less than nothing does not hold."""
-    if share > 0.9995:
-        return "explains more than 99.9 % of"
-    if share >= 0.0:
-        return f"explains {100.0 * share:.1f} % of"
-    return f"does not hold here: its error is {1.0 - share:.3g} times"
+    much = "more than 99.9" if share > 0.9995 else f"{100.0 * share:.1f}"
+    return f"explains {much} % of" if share >= 0.0 else f"does not hold here: its error is {1.0 - share:.3g} times"

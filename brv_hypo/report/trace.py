@@ -223,12 +223,9 @@ def _found_text(result: Trace) -> str:
             found = [each.held_out for each in result.account if each.model in others]
             left = share((found or [result.account[-1].held_out])[-1] / before)
             said = [f"With {', '.join(others)}, the held-out error is {left} of what it is without."]
-        for name in (name for name in result.findings if name in tolerated):
-            times = number(1.0 / (tolerated[name].error_ratio_held_out or 1.0), 2)
-            said.append(
-                f"{name} is larger than its tolerance, within which every model has it: with none at all, the held-out "
-                f"error is {times} times as large."
-            )
+        large = "is larger than its tolerance, within which every model has it: with none at all, the held-out error is"
+        for name, step in tolerated.items():
+            said.append(f"{name} {large} {number(1.0 / (step.error_ratio_held_out or 1.0), 2)} times as large.")
         return " ".join(said)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""

@@ -24,7 +24,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, rows_of
-from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, Part, split
+from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, split
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
@@ -40,24 +40,14 @@ from brv_hypo.tracing.result import Kind
 # schedule comes first, by the measured entry (`tests.studies.loop.variants`).
 CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 LOOP_DETECTED = 25.0  # fall of the sum of squares at which an effect is detected: F of one coefficient
-# Standard errors by which the held-out error has to fall: 5 %, one-sided. That the effect is no chance find among many
-# was asked of the fitted part before.
-HELD_OUT_SIGMAS = 1.645
-# Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
-# for eight stretches held out. The noise of the gyros, differentiated, may drown it.
-HELD_OUT_WORSE = 1.9
+HELD_OUT_SIGMAS = 1.645  # standard errors by which the held-out error has to fall: 5 %, one-sided
+HELD_OUT_WORSE = 1.9  # by which that of the moments may grow where it need not fall: Student's of eight stretches
 HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that short correlations count
-# Share of the significance from which an effect counts where the residual passes for white: a test of whiteness asks
-# for anything at all, and overlooks what the effect's own column shows.
-LOOP_BEYOND_DOUBT = 1e-3
+LOOP_BEYOND_DOUBT = 1e-3  # of the significance, where the residual passes for white, which overlooks single effects
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
-# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
-# all a function of Mach number, and jumps in time describe any smooth change.
-LOOP_SCHEDULE = 0.5
-# Of the configured number. Inertia and dynamic pressure are unknown within their tolerances in each: known to be one
-# off, they change evidences by a nat or two, for the baseline's coefficients take them up.
-LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)
+LOOP_SCHEDULE = 0.5  # of what the best explains, from which a schedule comes first: jumps describe any smooth change
+LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)  # of the configured number; pressure and inertia unknown within tolerance
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
@@ -221,26 +211,18 @@ class Tried:
     white: bool = False
     may_be_named: bool = True
 
-    def _ratio(self, *parts: Part) -> tuple[float, float]:
-        """Of the moments' mean squared errors on some parts, with it and before; its standard error, over stretches."""
-        rows = np.concatenate([part.rows for part in parts])
-        without = self.fit.without_stretches(*parts) / self.before.without_stretches(*parts)
-        return self.fit.left.mean_square(rows) / self.before.left.mean_square(rows), jackknife_error(without)
-
     @cached_property
-    def ratio(self) -> tuple[float, float]:
-        """That on the blocks that decide."""
-        return self._ratio(self.before.data.deciding)
-
-    @cached_property
-    def reported(self) -> tuple[float, float]:
-        """That on the blocks that take no part in any choice."""
-        return self._ratio(self.before.data.reported)
-
-    @cached_property
-    def ratio_of_both(self) -> tuple[float, float]:
-        """That on all of these: few stretches of a flight tell little of the ratio's error."""
-        return self._ratio(self.before.data.deciding, self.before.data.reported)
+    def ratios(self) -> dict[str, tuple[float, float]]:
+        """Of the moments' mean squared errors with it and before, with standard errors over stretches: on the blocks
+        that are for "deciding", on those "reported", and on "both": few stretches tell little of the ratio's error.
+        """
+        data, found = self.before.data, {}
+        both = (data.deciding, data.reported)
+        for name, parts in (("deciding", both[:1]), ("reported", both[1:]), ("both", both)):
+            after, before = (each.mean_square_of(parts) for each in (self.fit, self.before))
+            without = self.fit.without_stretches(parts) / self.before.without_stretches(parts)
+            found[name] = after / before, jackknife_error(without)
+        return found
 
     @cached_property
     def score(self) -> float:
@@ -277,7 +259,7 @@ class Tried:
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
-        ratio, error = self.ratio
+        ratio, error = self.ratios["deciding"]
         no_worse = ratio < 1.0 + max(HELD_OUT_WORSE * error, self._scatter)
         if self.has_tolerance:
             return no_worse
@@ -306,8 +288,8 @@ class Tried:
 
     def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
         """Why it is no finding, one of so many choices; empty for a finding."""
-        (ratio, error), found = self.ratio_of_both, []
-        lowers = ratio + FINDING_SIGMAS * error < 1.0 and self.reported[0] < 1.0
+        (ratio, error), found = self.ratios["both"], []
+        lowers = ratio + FINDING_SIGMAS * error < 1.0 and self.ratios["reported"][0] < 1.0
         if not lowers:
             found.append("the held-out error of the moments does not fall significantly")
         if (self.elsewhere or 0.0) >= 1.0:

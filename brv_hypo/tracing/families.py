@@ -212,15 +212,13 @@ class Beside:
             sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
             if len(values) == 1:
                 (value,), (sigma,) = values, errors
+            histories = {"values": value, "std_errors": sigma, "mach": motion.mach[places]}
+            histories |= {"time_s": motion.time[places], "alpha_rad": motion.alpha[places]}
             found[family] = ProcessHistory(
                 process=process.name,
                 title=process.title,
                 units=groups[k].units,
-                time_s=tuple(motion.time[places].tolist()),
-                mach=tuple(motion.mach[places].tolist()),
-                alpha_rad=tuple(motion.alpha[places].tolist()),
-                values=tuple(value.tolist()),
-                std_errors=tuple(sigma.tolist()),
+                **{name: tuple(values.tolist()) for name, values in histories.items()},
             )
         return found
 

@@ -119,28 +119,22 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
     """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty. At zero alpha where
     samples are near it, elsewhere at the angle flown.
     """
-    several = len(slopes) > 1
-    found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
-    return " ".join(filter(None, found))
-
-
-def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
-    margin, beyond = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, np.array(slope.extrapolated)
-    zero = np.array([slope.at_zero, slope.at_zero_std_error])
-    flown = np.array([slope.at_flown, slope.at_flown_std_error])
-    sentences = []
-    for (values, errors), where in ((flown, beyond), (zero, ~beyond)):
-        chosen = where & (values + margin * errors >= 0.0)
-        if not np.any(chosen):
-            continue
-        worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
-        said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
-        words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
-        time, alpha = times(slope.time_s[worst]), f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
-        if where is beyond:
-            sentences.append(f"At the angle flown {words}{time} and {alpha}.")
-        else:
-            sentences.append(f"At alpha = 0 {words}{time}, and {_sized(*flown[:, worst])} at the {alpha} flown there.")
+    margin, sentences = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, []
+    for one in slopes:
+        of = f"{moment} of flight {one.flight + 1}" if len(slopes) > 1 else moment
+        beyond, flown = np.array(one.extrapolated), np.array([one.at_flown, one.at_flown_std_error])
+        for (values, errors), where in ((flown, beyond), ((one.at_zero, one.at_zero_std_error), ~beyond)):
+            chosen = where & (np.add(values, np.multiply(margin, errors)) >= 0.0)
+            if not np.any(chosen):
+                continue
+            worst = int(np.argmax(np.where(chosen, np.divide(values, np.maximum(errors, 1e-300)), -np.inf)))
+            said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
+            words = f"the {of} {said} {_when(one, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
+            time, alpha = times(one.time_s[worst]), f"{np.degrees(one.alpha_rad[worst]):.2g} deg"
+            there = (
+                f" and {alpha}." if where is beyond else f", and {_sized(*flown[:, worst])} at the {alpha} flown there."
+            )
+            sentences.append(f"At {'the angle flown' if where is beyond else 'alpha = 0'} {words}{time}{there}")
     return " ".join(sentences)
 
 

@@ -18,7 +18,6 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised_flights, on_rows
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
@@ -44,9 +43,7 @@ from brv_hypo.tracing.result import Residual, TraceConfig
 
 # Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones.
 MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the record
-# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
-# record that is corrected by it is no longer the one that was flown.
-MODEL_PLAUSIBLE = 3.0
+MODEL_PLAUSIBLE = 3.0  # tolerances up to which an error is taken out: a larger one is what the model lacks
 MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
 MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
@@ -285,22 +282,21 @@ class Fit:
         """Mean square of the moment coefficients' residual, pitch and yaw together, on the fitted part."""
         return self.left.mean_square(self.data.fitted.rows)
 
+    def mean_square_of(self, parts: Sequence[Part]) -> float:
+        """The same on parts of the record."""
+        return self.left.mean_square(np.concatenate([part.rows for part in parts]))
+
     @property
     def held_out(self) -> float:
         """The same on the blocks that take no part in fit or choice."""
-        return self.left.mean_square(self.data.reported.rows)
+        return self.mean_square_of([self.data.reported])
 
-    def without_stretches(self, *parts: Part) -> FloatArray:
-        """The mean square on some parts without each of their stretches (stretches,)."""
+    def without_stretches(self, parts: Sequence[Part]) -> FloatArray:
+        """The mean square on parts of the record without each of their stretches (stretches,)."""
         square = np.where(self.left.usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)
         stretches = [part.rows[a:b] for part in parts for a, b in part.pieces]
         sums, sizes = (np.array([each[rows].sum() for rows in stretches]) for each in (square, self.left.usable))
         return np.asarray((sums.sum() - sums) / np.maximum(sizes.sum() - sizes, 1.0), dtype=float)
-
-    @property
-    def held_out_error(self) -> float:
-        """The standard error of `held_out`."""
-        return jackknife_error(self.without_stretches(self.data.reported))
 
     @cached_property
     def residual(self) -> Residual:

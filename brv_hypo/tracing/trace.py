@@ -19,6 +19,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
@@ -36,7 +37,7 @@ from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
+from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     TRACED_SMALLEST,
     Account,
@@ -156,7 +157,9 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
     models += zip((start, *added), fits, strict=True)
-    return tuple(Account(model=name, held_out=fit.held_out, std_error=fit.held_out_error) for name, fit in models)
+    errors = [jackknife_error(fit.without_stretches([fit.data.reported])) for _, fit in models]
+    found = zip(models, errors, strict=True)
+    return tuple(Account(model=name, held_out=fit.held_out, std_error=error) for (name, fit), error in found)
 
 
 # ---- One step ----
@@ -172,7 +175,12 @@ def _turn(
     """
     model, source, config = fit.model, fit.data.source, fit.data.source.config
     flights = source.records
-    usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
+    usable = []
+    for mechanism in mechanisms:  # of which the records hold what it needs, such as the Mach number
+        theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
+        terms = [term for motion in fit.data.frame.motions for term in mechanism.terms(motion, theta)]
+        if all(np.all(np.isfinite([term.in_plane, term.out_of_plane])) for term in terms):
+            usable.append(mechanism)
     bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
     # What changes in time may be described better by more columns of it.
     timed = [m for m in usable if m.time_variation != ("constant",)]
@@ -205,13 +213,6 @@ def _has_everywhere(name: str, model: Model, flights: int) -> bool:
     own = {column.flight for column in model.columns if column.mechanism == name}
     own |= {applied.flight for applied in model.applied if applied.effect.name == name}
     return name in model.added and (None in own or len(own) in (0, flights))
-
-
-def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
-    """Whether the records hold what the mechanism needs, such as the Mach number."""
-    theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
-    terms = [term for motion in data.frame.motions for term in mechanism.terms(motion, theta)]
-    return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
 
 
 def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
@@ -300,8 +301,8 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
         description="" if leading is None else _described(leading.candidate, fit),
         error_before=Errors(fit=fit.error, held_out=fit.held_out),
         error_after=None if leading is None else Errors(fit=leading.fit.error, held_out=leading.fit.held_out),
-        error_ratio_held_out=None if leading is None else leading.reported[0],
-        error_ratio_std_error=None if leading is None else leading.reported[1],
+        error_ratio_held_out=None if leading is None else leading.ratios["reported"][0],
+        error_ratio_std_error=None if leading is None else leading.ratios["reported"][1],
         held_out_score=None if leading is None else leading.score,
         ratio_of_flights_left_out=None if leading is None else leading.elsewhere,
     )

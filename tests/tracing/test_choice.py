@@ -23,6 +23,7 @@ from brv_hypo.tracing.trace import _confirmed, beside_hints
 from tests.flights import nominal
 
 SCATTER = 0.05
+PARTS = ("deciding", "reported", "both")
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -53,8 +54,7 @@ def judged(one: Any, score: float, ratio: float) -> Tried:
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
     tried = Tried(one, nothing, nothing, has_tolerance=False, gain=SPECIFIC)
-    ratios = dict.fromkeys(("ratio", "reported", "ratio_of_both"), (ratio, 0.1))
-    return known(tried, score=score, _scatter=SCATTER, **ratios)
+    return known(tried, score=score, _scatter=SCATTER, ratios=dict.fromkeys(PARTS, (ratio, 0.1)))
 
 
 def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = True) -> Choice:
@@ -99,7 +99,7 @@ def test_what_is_reported_takes_no_part_in_fit_or_choice() -> None:
     assert sum(map(len, parts)) == len(set.union(*parts))
     assert [round(8.0 * len(rows) / data.whole.rows.size) for rows in parts] == [5, 2, 1]
     tried = judged(candidate("lag", 90.0), 5.0, 0.5)
-    assert known(tried, reported=(np.nan, np.nan), ratio_of_both=(np.nan, np.nan)).accepted
+    assert known(tried, ratios=tried.ratios | dict.fromkeys(PARTS[1:], (np.nan, np.nan))).accepted
 
 
 def test_beside_noise_nothing_is_added_that_the_evidence_does_not_clearly_want() -> None:
@@ -210,7 +210,7 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
 @pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])
 def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
     one: Any = SimpleNamespace(effect=object())
-    tried = known(judged(one, 8.0, ratio), ratio=(ratio, 0.001), has_tolerance=True)
+    tried = known(judged(one, 8.0, ratio), ratios={"deciding": (ratio, 0.001)}, has_tolerance=True)
     assert tried.accepted is expected
 
 
@@ -226,7 +226,7 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
     ("changed", "named_in", "said"),
     [
         ({}, 1.0, ()),
-        ({"ratio_of_both": (0.99, 0.1)}, 1.0, ("the held-out error of the moments does not fall significantly",)),
+        ({"both": (0.99, 0.1)}, 1.0, ("the held-out error of the moments does not fall significantly",)),
         ({"reported": (1.01, 0.1)}, 1.0, ("the held-out error of the moments does not fall significantly",)),
         ({"elsewhere": 1.2}, 1.0, ("flights that are predicted from the others are predicted worse",)),
         (
@@ -244,6 +244,7 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
 def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, said: tuple[str, ...]) -> None:
     one = judged(candidate("lag", 90.0), 5.0, 0.5)
     one = known(one, **({"gain": 2.0 * SPECIFIC, "elsewhere": None, "impossible": ""} | changed))
+    one = known(one, ratios=one.ratios | {name: changed[name] for name in PARTS if name in changed})
     assert one.doubts(named_in, 10) == said
 
 
