@@ -83,8 +83,7 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
 
 
 def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
-    """The change of slope or damping, against before and after, that explains most; None where chance gives as much
-    among so many.
+    """The change of slope or damping, against before and after, that explains most; None where chance gives as much.
 
     Where it is, is found without processes, which take up a change that is not short; that it is, has to be significant
     `beside` them too, and errs by as much as there: what is smooth throughout is no change between two times.
@@ -127,8 +126,7 @@ def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
 def find_differences(
     own: Evidence, terms: Sequence[TermEstimate], fixed: FloatArray, covariance: FloatArray
 ) -> tuple[Difference, ...]:
-    """The fewest frozen coefficients whose release improves the agreement as much as any, the surest first; of one that
-    is not significant, it alone.
+    """The fewest frozen coefficients whose release improves the agreement as much as any, one at least, surest first.
 
     `terms` are those of all columns, `fixed` (columns,) frozen values, NaN where there is none, `covariance` (fixed
     columns, fixed columns) theirs.

@@ -292,9 +292,8 @@ def _frozen(
 
 
 def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which columns have fixed coefficients, their covariance in the file, and what they may differ by on this flight.
-
-    Pressure and inertia of both flights, of whose errors neither covariance has all, scale coefficients alike.
+    """Which columns have fixed coefficients, their covariance in the file, and what they may differ by on this flight,
+    of which pressure and inertia scale all alike: neither flight's covariance has all of their errors.
     """
     fixed = fit.known[: places.size]
     known = np.flatnonzero(np.isfinite(fixed))
@@ -303,9 +302,8 @@ def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArra
 
 
 def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArray:
-    """The nuisances (unknowns,) where fixed coefficients may differ by what they are known to.
-
-    Exact ones err at the expense of the record: its errors were 15 tolerances beside a coefficient 0.8 % off.
+    """The nuisances (unknowns,) where fixed coefficients may differ by what they are known to: exact ones err at the
+    expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
     """
     known, _, covariance = _uncertain(fit, content, places)
     columns = fit.model.columns
@@ -392,7 +390,6 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
 
 def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
-
     `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `noise_sigma` (rows,) is of the
     moments' noise, `beyond` (rows,) of what the model lacks.
     """
@@ -426,8 +423,7 @@ def band_of(
     model_sigma: FloatArray,
     flown: BoolArray,
 ) -> Band:
-    """The band with the share of the samples that it holds where the model is known (rows,), both axes together.
-
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together;
     `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
     """
     kept, counted = np.flatnonzero(left.usable), left.usable & flown

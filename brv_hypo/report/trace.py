@@ -19,8 +19,7 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
-from brv_hypo.tracing.fit import WHITE_CHANCE
-from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace, lasting_steps
+from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
@@ -177,7 +176,7 @@ def trace_document(result: Trace) -> Document:
     known = result.record_errors
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
-    final = () if ended or result.final_residual is None else (residual_text(result.final_residual),)
+    final = () if ended or result.final_residual is None else (result.final_residual.words,)
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
@@ -220,8 +219,7 @@ def _found_text(result: Trace) -> str:
         tolerated = {each.added: each for each in steps if each.exceeds_tolerance}
         others, said = [name for name in result.findings if name not in tolerated], []
         if others:
-            found = [each.held_out for each in result.account if each.model in others]
-            left = share((found or [result.account[-1].held_out])[-1] / before)
+            left = share([each.held_out for each in result.account if each.model in others][-1] / before)
             said = [f"With {', '.join(others)}, the held-out error is {left} of what it is without."]
         large = "is larger than its tolerance, within which every model has it: with none at all, the held-out error is"
         for name, step in tolerated.items():
@@ -238,30 +236,15 @@ def next_step(result: Trace) -> str:
     named, usual = [name for name in result.hints if kinds.get(name) == "mechanism"], compared([])
     rivals = [*usual, *(name for name in named if name not in usual)] if set(named) - set(usual) else []
     plugins = "".join(f" --plugin {file}" for file in plugin_files())
-    options, written = plugins, ""
     described = any(kinds.get(name) == "discovered" for name in result.hints)
-    if described:
-        written = ", with what --write-mechanism FILE.yaml writes here,"
-        options = f"{plugins} --plugin FILE.yaml"
-    if rivals:
-        options = f" --mechanisms {','.join(rivals)}" + options
+    written = ", with what --write-mechanism FILE.yaml writes here," if described else ""
+    options = f" --mechanisms {','.join(rivals)}" if rivals else ""
+    options += f"{plugins} --plugin FILE.yaml" if described else plugins
     weighed = f"`brv-hypo compare FLIGHT.h5{options}`{written} weighs it against its rivals; "
     first = weighed if named or described else ""
     return (
         f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml{plugins}`, with what --write-model MODEL.yaml "
         "writes here, tells whether it holds on another flight."
-    )
-
-
-def residual_text(residual: Residual) -> str:
-    """Size, whiteness and place of a residual."""
-    beyond = "white but for its size" if residual.p_value > WHITE_CHANCE else "not white"
-    white = "white" if residual.white else f"{beyond} (p {p_value(residual.p_value)})"
-    where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
-    return (
-        f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} times the noise's; "
-        f"largest in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
-        f"{number(residual.dominant_frequency_hz)} Hz"
     )
 
 
@@ -292,7 +275,7 @@ def _step(step: Step) -> list[Block]:
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
     words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
     return [
-        Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
+        Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
         Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]

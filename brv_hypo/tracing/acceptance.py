@@ -99,11 +99,6 @@ class Candidate:
         """Fall of the extended BIC."""
         return self.null.information - self.fit.information
 
-    @property
-    def explains(self) -> float:
-        """Share of the weighed squares that it saves."""
-        return 1.0 - self.fit.rss / self.null.rss
-
     @cached_property
     def fall(self) -> float:
         """Fall of the weighed squares in effective samples."""
@@ -151,10 +146,8 @@ def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...
 def best_first(
     offered: Sequence[Candidate], evidences: Mapping[str, float], chosen: Candidate | None = None
 ) -> Callable[[Candidate], tuple[float, float]]:
-    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
-
-    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`. A
-    description in generic terms has to beat a name by that, unless it was `chosen`.
+    """The order of candidates, the leader least: of those whose evidences beside processes differ by less than
+    `SPECIFIC`, what explains most. A description in generic terms has to beat a name by that, unless it was `chosen`.
     """
     equal = max(evidences.values(), default=0.0) - SPECIFIC  # of what saves nothing there is no evidence
     named = [each for each in offered if each.kind != "discovered" or each is chosen]
@@ -172,9 +165,8 @@ def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights about the same point.
-
-    Beside a first schedule by Mach number, which the model then has smooth, the errors of the record are others.
+    """The model with a candidate added, fitted to the fitted part of the flights about the same point; beside a first
+    schedule by Mach number, which the model then has smooth, with errors of the record found anew.
     """
     found = candidate.fit
     if candidate.effect is None:
@@ -226,9 +218,8 @@ class Tried:
 
     @cached_property
     def score(self) -> float:
-        """Fall of the squared error of moments and force on the blocks that decide, each over its noise, in its errors.
-
-        Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
+        """Fall of the squared error of moments and force on the blocks that decide, each over its noise, in its errors,
+        which are summed over clusters of neighbours (White, Econometrica 48:817, 1980).
         """
         part, sigma = self.before.data.deciding, self.before.problem.rows.noise.force.sigma
         use = part.rows[self.before.left.usable[part.rows] & self.fit.left.usable[part.rows]]
@@ -404,10 +395,8 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
 
 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
-    """Try the candidates that count on the held-out part, the best first, until one is accepted.
-
-    Where the model has no schedule, those that explain as much are the first. What explains far less than the best does
-    not stand in its place.
+    """Try the candidates that count on the held-out part, the best first, until one is accepted; schedules before it,
+    where the model has none, and nothing that explains far less in its place.
     """
     ranked = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
     first, tried = () if has_schedule(fit.model) else schedules_first(ranked), list[Tried]()

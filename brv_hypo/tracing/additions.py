@@ -121,10 +121,9 @@ def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
 
 
 def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate | None:
-    """A mechanism's columns beside the model; None if it adds none.
-
-    On one flight as `compare` searches them, under the record's own noise (`sharp`): where much of the residual is the
-    effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids, refined.
+    """A mechanism's columns beside the model; None if it adds none. On one flight as `compare` searches them, under the
+    record's own noise (`sharp`): where much of the residual is the effect, a noise raised to it hides delays and knots.
+    On several flights the best ones on the grids, refined.
     """
     problem = fit.problem
     if len(problem.records) == 1:

@@ -35,9 +35,8 @@ def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline:
     """The columns of the baseline: constant coefficients, a stiffness that follows Mach and Reynolds number, or that of
     a table; and, without columns, further mechanisms and what its static moment may be more.
 
-    That is a bend that a body with its slope may have, and a schedule where it follows Mach number. A table that says
-    how the slope goes with the angle of attack says by how much it may err in that as well; and what has the bend as a
-    column already knows no prior of it.
+    That is a bend that a body with its slope may have, unless a table by angle of attack or a column has it, and a
+    schedule where it follows Mach number.
     Raises UnanswerableError where a record has no Mach number at which a table could be read.
     """
     flights, aero = source.records, source.config.aero

@@ -74,16 +74,14 @@ class Beside:
 
     def _squares(self, names: Sequence[str]) -> float:
         """Of the residual of the baseline, its tolerances and some effects, without processes."""
-        residual = self.evidence(names, ()).residual
-        return float(residual @ residual)
+        return float(np.sum(self.evidence(names, ()).residual ** 2))
 
     def _of_processes(self, names: Sequence[str], families: Sequence[str] = ()) -> float:
         """Fall of the squares by those processes, of all or some families, that the evidence wants beside effects:
         others take noise alone with them.
         """
-        wanted = self._selected(names, families)
-        last = wanted[-1][1] if wanted else self.evidence(names, ())
-        return self._squares(names) - float(last.residual @ last.residual)
+        last = [self.evidence(names, ()), *(own for _, own in self._selected(names, families))][-1]
+        return self._squares(names) - float(np.sum(last.residual**2))
 
     def gain(self, name: str, in_place: bool = False) -> float:
         """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
@@ -98,9 +96,8 @@ class Beside:
         return self._of_processes(names, [self.families[name]]) / max(explains, 1e-300)
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
-        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
-
-        As it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
+        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there: as
+        it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
         """
         pair, problem = self._pair(fit), self.rows.problem
         if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
@@ -143,9 +140,8 @@ class Beside:
         return self._squares([]) - self._squares(names) >= self._of_processes(names)
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
-        """What effects and then families of processes explain of the residual, the largest first.
-
-        Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
+        """What effects and then families of processes explain of the residual, the largest first, with intervals of the
+        jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
         selected = self._finer._selected(names)
         order = [*(self.families[name] for name in names), *(family for family, _ in selected)]

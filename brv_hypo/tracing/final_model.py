@@ -20,7 +20,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
-from brv_hypo.io.text import number, times
+from brv_hypo.io.text import estimated, times
 from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
@@ -29,7 +29,7 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Corrected, Fit
-from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
+from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
 
 UNSTABLE_SIGMAS = 3.0  # of the worst of 32 places (`REPORTED_SLOPES`): at 5 % (Bonferroni)
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
@@ -81,7 +81,7 @@ def gathered(
         damping=damped,
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
-        unexplained=unexplained(final),
+        unexplained=None if final.white else f"The residual has {final.words}.",
         caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
@@ -129,17 +129,14 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
                 continue
             worst = int(np.argmax(np.where(chosen, np.divide(values, np.maximum(errors, 1e-300)), -np.inf)))
             said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
-            words = f"the {of} {said} {_when(one, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
+            words = f"the {of} {said} {_when(one, chosen)}: {estimated(values[worst], errors[worst])} per rad at "
             time, alpha = times(one.time_s[worst]), f"{np.degrees(one.alpha_rad[worst]):.2g} deg"
-            there = (
-                f" and {alpha}." if where is beyond else f", and {_sized(*flown[:, worst])} at the {alpha} flown there."
-            )
-            sentences.append(f"At {'the angle flown' if where is beyond else 'alpha = 0'} {words}{time}{there}")
+            if where is beyond:
+                sentences.append(f"At the angle flown {words}{time} and {alpha}.")
+            else:
+                there = f"{estimated(*flown[:, worst])} at the {alpha} flown there"
+                sentences.append(f"At alpha = 0 {words}{time}, and {there}.")
     return " ".join(sentences)
-
-
-def _sized(value: float, error: float) -> str:
-    return f"{number(value, 2)} ± {number(error, 1)}"
 
 
 def _when(slope: Derivative, chosen: BoolArray) -> str:
@@ -151,19 +148,6 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
         known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
         said.append(f"{'at' if len(ends) == 1 else 'from'} {times(*(slope.time_s[k] for k in ends))}{known}")
     return " and ".join(said)
-
-
-def unexplained(residual: Residual) -> str | None:
-    """The residual in a sentence; None where it is white."""
-    if residual.white:
-        return None
-    ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
-    factor = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
-    return (
-        f"The residual has an rms of {number(residual.rms)}, {factor} times the noise of the moments; it is largest in "
-        f"{residual.worst_channel} and from {times(*residual.worst_region_s)}, at "
-        f"{residual.dominant_frequency_hz:.3g} Hz."
-    )
 
 
 def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
@@ -227,10 +211,8 @@ def _definition(fit: Fit, whole: Fit) -> SavedModel:
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
-    """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights.
-
-    By Mach number, each held-out stretch with its neighbours: one holds few cycles. Nothing where that is no more than
-    the noise may leave by chance.
+    """What the model leaves on blocks held out of the fit, and leaves there without what belongs to its own flights: by
+    Mach number, each stretch with its neighbours, as one holds few cycles; nothing that noise may leave by chance.
     """
     parts = [held.rows[a:b] for held in (data.deciding, data.reported) for a, b in held.pieces]
     pieces = [rows for rows in parts if np.any(own.usable[rows])]

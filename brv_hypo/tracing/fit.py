@@ -39,7 +39,7 @@ from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
-from brv_hypo.tracing.result import Residual, TraceConfig
+from brv_hypo.tracing.result import WHITE_CHANCE, Residual, TraceConfig
 
 # Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones.
 MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the record
@@ -48,7 +48,6 @@ MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, an
 MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
-WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
 REPORTED_REGIONS = 8  # parts of a record, of which the worst is reported
 
 

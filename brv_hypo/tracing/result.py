@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.io.text import interval, number, p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
@@ -18,6 +19,7 @@ from brv_hypo.model.model import SavedModel
 from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
+WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
 TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
 Baseline = Literal["scheduled", "constant"]
 
@@ -85,10 +87,21 @@ class Residual(NullIsNaN):
     worst_region_s: Interval
     dominant_frequency_hz: float
 
+    @property
+    def words(self) -> str:
+        """Size, whiteness and place."""
+        beyond = "white but for its size" if self.p_value > WHITE_CHANCE else "not white"
+        white = "white" if self.white else f"{beyond} (p {p_value(self.p_value)})"
+        where = "" if self.flight is None else f"flight {self.flight + 1}: "
+        return (
+            f"{where}rms {number(self.rms)}, {white}, mean square {number(self.noise_ratio)} times the noise's; "
+            f"largest in {self.worst_channel}, {interval(self.worst_region_s)} s, mostly at "
+            f"{number(self.dominant_frequency_hz)} Hz"
+        )
+
 
 class ProcessHistory(NullIsNaN):
     """The history of a process on the first flight: its coefficient, or the length of several, at times of the record.
-
     Of processes of the moment `units` are those of a moment coefficient over the shape's.
     """
 

@@ -157,9 +157,8 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
     models += zip((start, *added), fits, strict=True)
-    errors = [jackknife_error(fit.without_stretches([fit.data.reported])) for _, fit in models]
-    found = zip(models, errors, strict=True)
-    return tuple(Account(model=name, held_out=fit.held_out, std_error=error) for (name, fit), error in found)
+    known = ((name, fit.held_out, fit.without_stretches([fit.data.reported])) for name, fit in models)
+    return tuple(Account(model=name, held_out=own, std_error=jackknife_error(left)) for name, own, left in known)
 
 
 # ---- One step ----
@@ -169,7 +168,6 @@ def _turn(
     number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
 ) -> tuple[Step, Fit | None, MechanismFile | None, Beside]:
     """One step: the residual, the candidates, and the model with the best of them if it is needed.
-
     What steps `before` added and is not wanted beside it is removed. Where it leads to no fit, the description in
     generic terms that is significant all the same; last what it adds, and processes beside that, on the whole record.
     """
@@ -229,8 +227,8 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
-    """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
-    final model or more than all that was added to it, or those of the effect's family have much to explain beside it.
+    """The steps, whose findings are hints where processes explain the flight as well as the effect, more than all that
+    was added, or those of the effect's family have much to explain beside it.
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
@@ -285,7 +283,7 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
                 kind=each.kind,
                 f_ratio=each.f_ratio,
                 p_value_adjusted=choice.chances[each.name],
-                explains=each.explains,
+                explains=1.0 - each.fit.rss / each.null.rss,
                 description=_described(each, fit),
                 near_equals=confounded(each, reported),
             )
