@@ -219,7 +219,9 @@ class Flight(Histories, HasCharts):
         if not segments:
             usable = ", ".join(f"{self.time[s]:.3f} to {self.time[e - 1]:.3f} s" for s, e in self.segments)
             raise UsageError(
-                f"the window [{start}, {stop}] s lies in a gap of the record, or outside: it is usable over {usable}. "
+                f"the window from {'the start' if start is None else f'{start:g} s'} to "
+                f"{'the end' if stop is None else f'{stop:g} s'} lies in a gap of the record, or outside: it is usable "
+                f"over {usable}. "
                 "Give --start and --stop inside it."
             )
         arrays = {name: values[a:b] for name, values in self.arrays().items()}

@@ -29,8 +29,8 @@ from brv_hypo.motion.interpolation import applied
 from brv_hypo.motion.motion import effective
 from brv_hypo.motion.signals import ColouredNoise, inverse_spectrum
 
-HELD_OUT_OF = 4  # blocks, of which one is held out
-HELD_OUT_BLOCK = 3  # which of them
+DECIDING_OF, DECIDING_BLOCK = 4, 3  # blocks, of which one decides what is added, and which
+REPORTED_OF, REPORTED_BLOCK = 8, 5  # blocks, of which one takes no part in any choice, and which
 HELD_OUT_SHORTEST = 8  # rows of a stretch that is fitted or held out
 # Held by `tests.studies.independent.study --coloured` and `tests/studies/independent/test_coloured_noise.py`.
 NOISE_SAMPLES_PER_ORDER = 20  # of the residuals
@@ -340,20 +340,23 @@ def whole(frame: RateFrame, valid: BoolArray) -> Part:
     return part(frame, valid, np.ones(frame.observed.size, dtype=bool), shared=True)
 
 
-def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part]:
-    """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of each flight.
+def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part, Part]:
+    """The part that is fitted, and of `blocks` even stretches of each flight every fourth, by which it is decided what
+    is added, and every eighth, midway between two of these, which takes no part in any choice.
 
     The rates on both sides of a held-out stretch share a constant of integration: what the model says of
     the moments between is felt, the samples between are not. Held-out stretches have a constant each.
     """
-    held = np.zeros(frame.observed.size, dtype=bool)
-    for number in range(len(frame.reconstructions)):
-        own = frame.flight_of_row == number
+    number = np.zeros(frame.observed.size, dtype=int)
+    for flight in range(len(frame.reconstructions)):
+        own = frame.flight_of_row == flight
         time = frame.time[own]
         if time.size:
             edges = np.linspace(time.min(), time.max(), blocks + 1)
-            held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % HELD_OUT_OF == HELD_OUT_BLOCK
-    return part(frame, valid, ~held, shared=True), part(frame, valid, held, shared=False)
+            number[own] = np.searchsorted(edges, time, side="right").clip(1, blocks)
+    deciding, reported = number % DECIDING_OF == DECIDING_BLOCK, number % REPORTED_OF == REPORTED_BLOCK
+    fitted = part(frame, valid, ~(deciding | reported), shared=True)
+    return fitted, part(frame, valid, deciding, shared=False), part(frame, valid, reported, shared=False)
 
 
 def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:

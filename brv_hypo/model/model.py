@@ -253,8 +253,9 @@ class SavedModel(_Saved):
     `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
     aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
     of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops,
-    `digests` those of their gyros (`digest`); `error` is what it left there; `flown` the ends of what they ran through,
-    by quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
+    `digests` those of their gyros (`digest`); `errors` are those of records and vehicles within their tolerances
+    that were estimated beside the coefficients; `error` is what it left there; `flown` the ends of what
+    they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -272,6 +273,7 @@ class SavedModel(_Saved):
     found_on: tuple[str, ...] = ()
     times: tuple[tuple[float, float], ...] = ()
     digests: tuple[str, ...] = ()
+    errors: tuple[SavedRecordError, ...] = ()
     flown: dict[str, tuple[float, float]] = {}
 
     @model_validator(mode="after")
@@ -299,13 +301,24 @@ class SavedModel(_Saved):
 
     def of_as_many(self, flights: int) -> SavedModel:
         """The model without what belongs to single flights, unless it was found on as many."""
-        if max(len(self.found_on), 1) == flights:
-            return self
-        kept = [k for k, column in enumerate(self.columns) if column.flight is None]
+        return self if max(len(self.found_on), 1) == flights else self._with(None)
+
+    def of_flight(self, number: int) -> SavedModel:
+        """The model as that of one of its flights alone, with all that belongs to it."""
+        own = {name: getattr(self, name)[number : number + 1] for name in ("found_on", "times", "digests")}
+        return self._with(number).model_copy(update=own)
+
+    def _with(self, number: int | None) -> SavedModel:
+        """With what all flights share, and what belongs to one of them where there is a number."""
+        kept = [k for k, column in enumerate(self.columns) if column.flight in (None, number)]
         covariance = tuple(tuple(self.covariance[j][k] for k in kept) for j in kept if self.covariance)
-        record = () if len(self.found_on) > 1 or flights > 1 else self.record
-        columns = tuple(self.columns[k] for k in kept)
-        return self.model_copy(update={"columns": columns, "record": record, "covariance": covariance})
+        columns = tuple(self.columns[k].model_copy(update={"flight": None}) for k in kept)
+        record, errors = (
+            tuple(each.model_copy(update={"flight": 0}) for each in every if each.flight == number)
+            for every in (self.record, self.errors)
+        )
+        found = {"columns": columns, "record": record, "errors": errors, "covariance": covariance}
+        return self.model_copy(update=found)
 
 
 def constant_moment(flights: Sequence[Flight]) -> StaticMoment:

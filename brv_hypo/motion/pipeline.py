@@ -182,7 +182,7 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[s
     shown = max(rms(record.moment[usable] * pressure) / np.sqrt(2.0), 1e-300)
     percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / shown
     share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / shown
-    left = f". The errors of the record that were fitted leave {share:.2g} % of these moments"
+    left = f". Once the fitted errors of the record are taken out, {share:.2g} % of these moments remain"
     yield (
         f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
         f"only strong mechanisms can be distinguished{left if share < WARNED_LEFT else ''}"

@@ -2,7 +2,7 @@
 
 The coefficients that this flight has, errors of record and vehicle within their tolerances, are compared with the
 frozen ones, both with their covariances: an error of pressure or inertia changes all of them alike, one of a
-coefficient that one alone (`find_difference`).
+coefficient that one alone (`find_differences`).
 
 Moments show little of a change of a few percent, sample by sample. Fitted to the rates as a jump that ends, beside
 the frozen coefficients within their covariance, it is significant where it is (`find_local_change`). Slope and damping
@@ -11,6 +11,7 @@ as such are free beside it: one that is off throughout is no change between two 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,12 +22,14 @@ from scipy.linalg import orth
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import Shape, regions
+from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import Regressor, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.prediction.result import Difference, LocalChange
+from brv_hypo.thresholds import REFUSED, SPECIFIC
 
 # Where slope or damping differ from a frozen model's: a study of its own, `tests.studies.independent.sisters
 # --changed`.
@@ -34,6 +37,7 @@ CHANGE_EDGES = 25  # times, evenly over the record, between any two of which the
 CHANGE_FINER = 4  # times by which each turn narrows the spacing about the best two, as many to either side
 CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than what the data tell of an edge
 CHANGE_CHANCE = 0.01  # p-value, paid for all that is tried, below which a change is reported; convention
+CHANGED_TOGETHER = 3  # coefficients at most that are named as different at once
 # Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.
 _KNOWN = 1e-9
 
@@ -56,8 +60,8 @@ class ChangedSchedule(Mechanism):
 
 
 def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray) -> Evidence:
-    """The same with coefficients `fixed` (columns,) within their covariance (fixed columns, fixed columns), but slope
-    and damping as such; NaN where a coefficient is free.
+    """The same with coefficients `fixed` (columns,), NaN where one is free, within their covariance (fixed columns,
+    fixed columns), but slope and damping as such.
     """
     rows, known = own.rows, np.flatnonzero(~np.isnan(fixed))
     x = rows.of_moments(rows.frame, columns)
@@ -79,8 +83,7 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
 
 
 def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
-    """The change of slope or damping, against before and after, that explains most; None where chance gives as much
-    among so many.
+    """The change of slope or damping, against before and after, that explains most; None where chance gives as much.
 
     Where it is, is found without processes, which take up a change that is not short; that it is, has to be significant
     `beside` them too, and errs by as much as there: what is smooth throughout is no change between two times.
@@ -120,32 +123,52 @@ def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
     )
 
 
-def find_difference(
-    own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray
-) -> Difference | None:
-    """The frozen coefficient whose release improves the agreement most.
+def find_differences(
+    own: Evidence, terms: Sequence[TermEstimate], fixed: FloatArray, covariance: FloatArray
+) -> tuple[Difference, ...]:
+    """The fewest frozen coefficients whose release improves the agreement as much as any, one at least, surest first.
 
-    `fixed` (columns,) are frozen values, NaN where there is none, `covariance` (fixed columns, fixed columns) theirs.
+    `terms` are those of all columns, `fixed` (columns,) frozen values, NaN where there is none, `covariance` (fixed
+    columns, fixed columns) theirs.
     """
     known = np.flatnonzero(~np.isnan(fixed))
-    lasting = [k for k, j in enumerate(known) if " drift " not in columns[j].term]  # by one flight's time or speed
+    lasting = [
+        k for k, j in enumerate(known.tolist()) if " drift " not in terms[j].name
+    ]  # by one flight's time or speed
     known, covariance = known[lasting], covariance[np.ix_(lasting, lasting)]
-    if not known.size:
-        return None
-    difference = own.values[known] - fixed[known]
     whole = own.covariance[np.ix_(known, known)] + covariance
     sigmas = np.sqrt(np.diag(whole))
     inverse = np.linalg.pinv(whole / np.outer(sigmas, sigmas), rcond=_KNOWN, hermitian=True)
-    weights = np.sqrt(np.diag(inverse))
-    beyond = inverse @ (difference / sigmas) / weights
-    most = int(np.argmax(np.abs(beyond)))
-    error = float(sigmas[most] / weights[most])
-    return Difference(
-        term=columns[known[most]].term,
-        units=columns[known[most]].units,
-        frozen=float(fixed[known[most]]),
-        value=float(beyond[most]) * error,
-        std_error=error,
-        p_value=min(1.0, float(known.size * 2.0 * stats.norm.sf(abs(beyond[most])))),
-        beside_processes=bool(own.rows.groups),
-    )
+    weighed = inverse @ ((own.values[known] - fixed[known]) / sigmas)
+
+    def improvement(released: Sequence[int]) -> float:
+        """Fall of chi squared by the release of some, the others within their errors."""
+        some = list(released)
+        return float(weighed[some] @ np.linalg.pinv(inverse[np.ix_(some, some)], rcond=_KNOWN) @ weighed[some])
+
+    sizes = range(1, min(CHANGED_TOGETHER, known.size) + 1)
+    best = [max(itertools.combinations(range(known.size), size), key=improvement) for size in sizes]
+    falls = np.diff([0.0, *map(improvement, best)])
+    surely = int(np.argmin([*(known.size * stats.chi2.sf(falls, 1) < REFUSED), False]))
+    chosen = [] if not best else list(best[max(surely - 1, 0)])
+    errors = np.linalg.pinv(inverse[np.ix_(chosen, chosen)], rcond=_KNOWN)
+    values, scales, found = errors @ weighed[chosen], np.sqrt(np.diag(errors)), []
+    for place, k in enumerate(chosen):
+        others, term = [j for j in chosen if j != k], terms[known[k]]
+        equal = improvement(chosen) - 2.0 * SPECIFIC
+        like = [j for j in range(known.size) if j not in chosen and improvement([*others, j]) > equal]
+        chance = 2.0 * known.size * float(stats.norm.sf(abs(values[place]) / scales[place]))
+        found.append(
+            Difference(
+                term=term.name,
+                mechanism=term.mechanism,
+                units=term.units,
+                frozen=float(fixed[known[k]]),
+                value=float(values[place] * sigmas[k]),
+                std_error=float(scales[place] * sigmas[k]),
+                p_value=min(1.0, chance),
+                beside_processes=bool(own.rows.groups),
+                alternatives=tuple(terms[known[j]].name for j in like) if chance < REFUSED else (),
+            )
+        )
+    return tuple(sorted(found, key=lambda each: -abs(each.value / each.std_error)))

@@ -1,10 +1,9 @@
 """`predict`: what a model that was found on other flights, its coefficients frozen, says of this one.
 
-What the model's coefficients err by, and the record's errors fixed within their tolerances, change what is fitted
-along; to first order, what is left of it after that fit widens the prediction interval beyond the noise. So does the
-model's own error (`ModelError`), as measured on stretches that took no part in its fit: a record's noise says how far
-its moments lie from a model that is right, and one that is only the best that was found errs besides. What is fitted
-along takes some of the noise with it where it is fitted, and brings its own error elsewhere.
+What the model's coefficients err by, and the record's errors fixed within their tolerances, widens the prediction
+interval beyond the noise, to first order by what is left of it after all that is fitted along. So does the model's own
+error (`ModelError`), as measured on stretches that took no part in its fit. What is fitted along takes some of the
+noise with it where it is fitted, and brings its own error elsewhere.
 
 The attitude is the integral of the very noise that the rates show, and the static moment follows the attitude: of noise
 at a frequency f, the difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion
@@ -37,7 +36,7 @@ from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
-from brv_hypo.mechanisms.contract import Mechanism, current_name
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, current_name
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
@@ -45,8 +44,17 @@ from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
-from brv_hypo.prediction.changes import find_difference, find_local_change, fixed_within
-from brv_hypo.prediction.result import Band, ErrorsOfPrediction, LocalChange, ModelSource, Prediction, Region, reason
+from brv_hypo.prediction.changes import find_differences, find_local_change, fixed_within
+from brv_hypo.prediction.result import (
+    Band,
+    Difference,
+    ErrorsOfPrediction,
+    LocalChange,
+    ModelSource,
+    Prediction,
+    Region,
+    reason,
+)
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
@@ -88,9 +96,9 @@ def predict(
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
-    Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
-    (its file, or a copy of its record); so is what belongs to its times, unless `refit` names it. On its own record
-    nothing is tested.
+    Errors of the record that the model holds, within tolerances or beyond, are those of its own flight, and are left
+    out, unless this is that flight (its file, or a copy of its record); so is what belongs to its times, unless `refit`
+    names it. On its own record nothing is tested.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
 
@@ -115,7 +123,7 @@ def predict(
     named = refit.split(",") if isinstance(refit, str) else refit
     refitted = tuple(current_name(name.strip()) for name in named if name.strip())
     path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
-    content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
+    content = saved if isinstance(saved, SavedModel) else read_model(Path(saved))
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
     most = record.samples // HELD_OUT_SHORTEST  # blocks, by which nothing is chosen here
@@ -133,7 +141,10 @@ def predict(
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    if here := _is_found_on(content, flight):  # all of it was flown
+    found_on, number = content.found_on, _found_on(content, flight)
+    here = number is not None
+    content = content.of_as_many(1) if number is None else content.of_flight(number)
+    if here:  # all of it was flown
         content = content.model_copy(update={"flown": {}})
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
@@ -149,8 +160,9 @@ def _predict(
     # Coefficients that are fitted here are beside errors within tolerances.
     fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
-    change, difference, differs, misfit = None, None, False, float("nan")
+    change, differences, differs, misfit = None, tuple[Difference, ...](), False, float("nan")
     covariance[np.ix_(known, known)] = known_by
+    terms = estimates(columns, np.where(np.isfinite(fixed), fit.values, within.values), covariance, data.frame)
     motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
     mach = motion.mach[samples]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=bool(left_out))
@@ -158,8 +170,8 @@ def _predict(
         every = beside_processes(fit, fit.model, fit.problem.rows.part)
         alone = every.evidence([], ())
         better = max(alone, every.null, key=lambda each: each.level)
-        difference = find_difference(better, columns, fixed, both)
-        differs = difference is not None and difference.p_value < REFUSED
+        differences = find_differences(better, terms, fixed, both)
+        differs = any(each.p_value < REFUSED for each in differences)
 
         def changed(agreed: FloatArray, known_by: FloatArray) -> tuple[LocalChange | None, Evidence]:
             """A change between two times beside coefficients that are fixed within this covariance."""
@@ -168,9 +180,10 @@ def _predict(
 
         change, within_both = changed(fixed, both)
         misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
-        if change is not None and difference is not None and differs:
-            # Nothing changes between two times where nothing does beside the coefficient that differs throughout.
-            same = [k for k, j in enumerate(known) if columns[j].term != difference.term]
+        if change is not None and differs:
+            # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
+            differing = {(each.mechanism, each.term) for each in differences}
+            same = [k for k, j in enumerate(known) if (terms[j].mechanism, terms[j].name) not in differing]
             agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
             change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
@@ -179,11 +192,9 @@ def _predict(
     noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    values = np.where(np.isfinite(fixed), fit.values, within.values)
-    terms = estimates(columns, values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
-        model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
+        model=ModelSource(path=None if path is None else str(path), found_on=found_on),
         frozen=tuple(terms[k] for k in known),
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
@@ -193,7 +204,8 @@ def _predict(
         band=band,
         regions=_regions(data, measured, left),
         local_change=change,
-        difference=difference,
+        difference=next(iter(differences), None),
+        further_differences=differences[1:],
         refused=change is not None or differs,
         misfit=misfit,
         left_out=left_out,
@@ -205,9 +217,8 @@ def _predict(
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
     more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
-    remedy = ",".join((*refit, *more)) if more else ""
-    said = reason(found, of_own, rest, freely, remedy, INSTRUMENTS in refit)
-    return found.model_copy(update={"reason": said})
+    remedy = ",".join((*refit, *more)) if more and not (here and content.errors) else ""
+    return found.model_copy(update={"reason": reason(found, of_own, rest, freely, remedy)})
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
@@ -243,6 +254,7 @@ def _frozen(
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
     source = Flights((flight,), config)
     model, effects = _with_refitted(model, refit, source)
+    own_errors = {(each.effect, each.component): each.value for each in content.errors if here}
     known = {column: saved.value for column, saved in zip(columns, content.columns, strict=True)}
     fixed = np.array([np.nan if c in to_refit else known.get(c, np.nan) for c in model.columns], dtype=float)
 
@@ -253,13 +265,16 @@ def _frozen(
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         values = first_values(data.frame, data.whole, model.columns)
         fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
-        # What has no prior was found on this very record, and is taken out of it.
-        held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
-        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
-        return replace(fit, problem=fit.problem.on(part), known=np.append(fixed, others))
+        # What has no prior was found on this very record, and is taken out of it; so are errors that are known.
+        held = fixed.tolist()
+        for item in fit.nuisances:
+            beyond = (own_errors.get((item.name, item.component), 0.0) - (item.applied or 0.0)) / item.size
+            free = item.name in (*_OF_THE_MOTION, *effects)
+            held.append(np.nan if free else beyond if np.isfinite(item.present) else 0.0)
+        return replace(fit, problem=fit.problem.on(part), known=np.array(held))
 
     places = np.array([place.get(column, -1) for column in model.columns])
-    corrections: Errors = {}
+    corrections = next_corrections(0, flight, model, own_errors, {})
     if not effects:
         return read_with(corrections), places, left_out
     found = list[Fit]()
@@ -267,8 +282,8 @@ def _frozen(
         last = read_with(corrections)
         errors = _errors_within(last, content, places)
         mine = np.array([False] * len(model.columns) + [item.name in effects for item in last.nuisances])
-        own_errors = np.append(np.full(len(model.columns), np.nan), errors)
-        found.append(replace(last, known=np.where(mine, own_errors, last.known)))
+        fitted = np.append(np.full(len(model.columns), np.nan), errors)
+        found.append(replace(last, known=np.where(mine, fitted, last.known)))
         beside = last.problem.rows.nuisances.values(errors, 1)[0]
         own = {name: value for name, value in beside.items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
@@ -277,9 +292,8 @@ def _frozen(
 
 
 def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which columns have fixed coefficients, their covariance in the file, and what they may differ by on this flight.
-
-    Pressure and inertia of both flights, of whose errors neither covariance has all, scale coefficients alike.
+    """Which columns have fixed coefficients, their covariance in the file, and what they may differ by on this flight,
+    of which pressure and inertia scale all alike: neither flight's covariance has all of their errors.
     """
     fixed = fit.known[: places.size]
     known = np.flatnonzero(np.isfinite(fixed))
@@ -288,9 +302,8 @@ def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArra
 
 
 def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArray:
-    """The nuisances (unknowns,) where fixed coefficients may differ by what they are known to.
-
-    Exact ones err at the expense of the record: its errors were 15 tolerances beside a coefficient 0.8 % off.
+    """The nuisances (unknowns,) where fixed coefficients may differ by what they are known to: exact ones err at the
+    expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
     """
     known, _, covariance = _uncertain(fit, content, places)
     columns = fit.model.columns
@@ -306,28 +319,21 @@ def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArra
 
 
 def _in_model(model: Model, name: str) -> str:
-    """The name of the model's bend, where a mechanism of this name is the very same moment; else the name.
-
-    Fitted beside the frozen bend, neither coefficient would say anything by itself.
-    """
-    item = installed()[name].item if name in installed() else None
-    if StaticBend.name not in model.mechanisms or not isinstance(item, Mechanism):
-        return name
-    return StaticBend.name if is_bend(item, sample_motion(uniform_time())) else name
+    """The name of the model's bend, where a mechanism of this name is the very same moment; else the name."""
+    item = installed()[name].item if name in installed() and StaticBend.name in model.mechanisms else None
+    return StaticBend.name if isinstance(item, Mechanism) and is_bend(item, sample_motion(uniform_time())) else name
 
 
-def _is_found_on(content: SavedModel, flight: Flight) -> bool:
-    """Whether the model was estimated from this very record, or a longer part of its file: then its times and errors
-    are the flight's. Another record under the same name is another flight.
-    """
-    if digest(flight) in content.digests:
-        return True
+def _found_on(content: SavedModel, flight: Flight) -> int | None:
+    """Which of the model's own records this is, or a part of which; None for another flight, if by the same name."""
+    if (own := digest(flight)) in content.digests:
+        return content.digests.index(own)
     first, last, path = float(flight.time[0]), float(flight.time[-1]), Path(flight.path)
     spans = [(start, stop) for start, stop in content.times if start <= first and last <= stop]
     if not spans or not path.is_file() or path.name not in {Path(name).name for name in content.found_on}:
-        return False
-    whole = load_flight(path)
-    return any(digest(whole.window(*span)) in content.digests for span in spans)
+        return None
+    parts = (digest(load_flight(path).window(*span)) for span in spans)
+    return next((content.digests.index(part) for part in parts if part in content.digests), None)
 
 
 def _tolerated(flight: Flight) -> tuple[str, ...]:
@@ -342,13 +348,17 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
     known, effects = {name for column in model.columns for name in (column.mechanism, column.term)}, list[str]()
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
+        searched = [parameter.name for parameter in item.parameters()] if isinstance(item, Mechanism) else []
+        if isinstance(item, RecordEffect) and not item.carried and name not in {a.effect.name for a in model.applied}:
+            searched = ["time"]
+        if searched:
+            compared = f"`compare --mechanisms {name}`, and by " if isinstance(item, Mechanism) else ""
+            raise UsageError(
+                f"--refit {name}: the model has no {name} of this flight, and its {searched[0]} is not known: it is "
+                f"searched for by {compared}`trace`, whose model then has it. Leave {name} out, or predict with such a "
+                "model."
+            )
         if isinstance(item, Mechanism):
-            if item.parameters():
-                raise UsageError(
-                    f"--refit {name}: the model has no {name}, and its {item.parameters()[0].name} is not known: it is "
-                    f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
-                    f"Leave {name} out, or predict with such a model."
-                )
             motion = correct(source, model).frame.motions[0]
             more = tuple(term_column(item, term) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
@@ -380,7 +390,6 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
 
 def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
-
     `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `noise_sigma` (rows,) is of the
     moments' noise, `beyond` (rows,) of what the model lacks.
     """
@@ -414,8 +423,7 @@ def band_of(
     model_sigma: FloatArray,
     flown: BoolArray,
 ) -> Band:
-    """The band with the share of the samples that it holds where the model is known (rows,), both axes together.
-
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together;
     `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
     """
     kept, counted = np.flatnonzero(left.usable), left.usable & flown

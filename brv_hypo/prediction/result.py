@@ -12,15 +12,14 @@ from brv_hypo.comparison.result import FlightSummary, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import p_value
 from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.model.term import BASELINE
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import NOISE_LEVEL, REFUSED
 
 # Held by `tests.studies.independent.sisters`.
 PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights flew, from which nothing is said of it
-# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the noise's mean squares below which the frozen model's is small enough to need none.
-PREDICTED_GREATLY = 0.5
-PREDICTED_SMALL = 4.0
+PREDICTED_GREATLY = 0.5  # share of the frozen model's mean square, from which letting the record err is worth a word
+PREDICTED_SMALL = 4.0  # mean squares of the noise, up to which that of the frozen model needs none
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
 PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which a model's residual where it was found is reported
 
@@ -73,18 +72,21 @@ class LocalChange(NullIsNaN):
 
 
 class Difference(NullIsNaN):
-    """The frozen coefficient that differs most from this flight's, the others within their errors.
+    """A frozen coefficient that differs from this flight's, those that are not named within their errors.
 
     `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
+    `alternatives`: terms of which one in its place would explain this flight nearly as well.
     """
 
     term: str
+    mechanism: str = ""
     units: str
     frozen: float
     value: float
     std_error: float
     p_value: float
     beside_processes: bool
+    alternatives: tuple[str, ...] = ()
 
 
 Series = tuple[float, ...]
@@ -112,10 +114,10 @@ class Prediction(HasCharts, Result):
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there. `refused`:
-    there is a `local_change` of slope or damping, or `difference` is more than chance makes it; None where there is
-    none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients
-    as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that
-    belong to the times of the model's own flights.
+    there is a `local_change` of slope or damping, or `difference` (and further ones) is more than chance makes it; None
+    where there is none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and
+    with coefficients as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out`
+    are mechanisms that belong to the times of the model's own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -131,6 +133,7 @@ class Prediction(HasCharts, Result):
     regions: tuple[Region, ...]
     local_change: LocalChange | None = None
     difference: Difference | None = None
+    further_differences: tuple[Difference, ...] = ()
     refused: bool = False
     misfit: float = float("nan")
     left_out: tuple[str, ...] = ()
@@ -165,13 +168,14 @@ _OWN_RECORD = (
     "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
+_ITS_ERRORS = "Errors of instruments and vehicle are those that were fitted to it within their tolerances. "
 _NOWHERE = (
     "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts nothing about "
     "this flight."
 )
 
 
-def reason(found: Prediction, own: float, left: float, freed: float, remedy: str, refits_errors: bool = False) -> str:
+def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
     """The outcome in a few sentences.
 
     `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
@@ -179,8 +183,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     (`freed`); `remedy` is what `--refit` would name as well for that. What contradicts the model beside these errors it
     does not mend, unless it names the very coefficient.
     """
-    band, noise, helps, term = found.band, found.error.noise, "", found.difference and found.difference.term
-    named = any(each.name == term and each.mechanism in remedy.split(",") for each in found.frozen)
+    band, noise, helps, refitted = found.band, found.error.noise, "", remedy.split(",")
+    differences = filter(None, (found.difference, *found.further_differences))
+    named = all(each.mechanism in refitted for each in differences)
     contradicts = found.refused and (found.local_change is not None or not named)
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
@@ -192,15 +197,13 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         )
     if found.flown == 0.0:
         return _NOWHERE + helps
-    said = _OWN_RECORD if found.own_record else ""
+    said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
     said += (
         f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if band.inside < PREDICTED_HOLDS and found.own_record and not refits_errors:
-        said += " Errors of the record within their tolerances are zero here: `--refit instruments` fits them."
-    elif band.inside < PREDICTED_HOLDS:
+    if band.inside < PREDICTED_HOLDS and not found.own_record:
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         less = f", without {', '.join(found.left_out)}," if found.left_out else ""
@@ -214,6 +217,12 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             "the model was found at, and are not counted in these shares."
         )
     said += _differs(found) + helps
+    timed = [each.mechanism for each in found.refitted if each.region_s is not None or each.delay_s is not None]
+    if timed:
+        said += (
+            f" Of {', '.join(dict.fromkeys(timed))} the coefficients alone were fitted to this flight, at the times "
+            "and delays of the model: `brv-hypo trace FLIGHT.h5 --model MODEL` fits these too."
+        )
     if found.left_out:
         act, are = ("acts", "is") if len(found.left_out) == 1 else ("act", "are")
         names = ", ".join(found.left_out)
@@ -231,13 +240,10 @@ def _differs(found: Prediction) -> str:
             "it. `brv-hypo compare` on this flight tells more."
         )
     if difference is not None and difference.p_value < REFUSED:
-        units = "" if difference.units == "1" else f" {difference.units}"
+        every = (difference, *found.further_differences)
         beside = ", processes fitted beside the model" if difference.beside_processes else ""
-        said = (
-            f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
-            f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
-            f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
-        )
+        these = "; and ".join(map(_in_words, every))
+        said = f" This flight contradicts the model (p {p_value(difference.p_value)}{beside}): {these}."
     if change is not None:
         mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
         units = "" if change.units == "1" else f" {change.units}"
@@ -249,10 +255,21 @@ def _differs(found: Prediction) -> str:
     return said
 
 
+def _in_words(difference: Difference) -> str:
+    """A coefficient that differs, the function that it is part of, and what may differ in its place."""
+    units = "" if difference.units == "1" else f" {difference.units}"
+    own, like = difference.mechanism == BASELINE, difference.alternatives
+    static = own and like and all(name.startswith(("C_m0", "C_malpha")) for name in (difference.term, *like))
+    others = f" (or {' or '.join(like)} in its place: this flight does not distinguish them)" if like else ""
+    return (
+        f"{'its static moment is another: ' if static else ''}{difference.term}"
+        f"{'' if own else f' ({difference.mechanism})'} is "
+        f"{difference.frozen:.4g}{units} there and here {difference.frozen + difference.value:.4g}, a difference of "
+        f"{difference.value:+.2g} ± {difference.std_error:.2g}{others}"
+    )
+
+
 def _explains(share: float) -> str:
     """What a model does to a mean square; one that explains less than nothing does not hold."""
-    if share > 0.9995:
-        return "explains more than 99.9 % of"
-    if share >= 0.0:
-        return f"explains {100.0 * share:.1f} % of"
-    return f"does not hold here: its error is {1.0 - share:.3g} times"
+    much = "more than 99.9" if share > 0.9995 else f"{100.0 * share:.1f}"
+    return f"explains {much} % of" if share >= 0.0 else f"does not hold here: its error is {1.0 - share:.3g} times"

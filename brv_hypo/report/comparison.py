@@ -253,7 +253,7 @@ def comparison_document(comparison: Comparison) -> Document:
 def _quality(comparison: Comparison) -> list[Block]:
     """Faults of the record, and what limits the result."""
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
-    own = (*comparison.warnings, *comparison.reconstruction.warnings)  # what was only corrected comes last
+    own = (*comparison.reconstruction.warnings, *comparison.warnings)  # what was only corrected comes last
     known = (*own, *faults) if comparison.record.sound else (*faults, *own)
     warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)

@@ -194,7 +194,7 @@ def _panels(
         if sigma is not None:
             centre = np.zeros(len(x)) if measured is None else factor * measured[k]
             wide = 2.0 * (factor * np.asarray(sigma))
-            layers.append(Band(x, centre - wide, centre + wide))
+            layers.append(Band(x, centre - wide, centre + wide, "noise, ± 2 sigma"))
         layers += [Line(x, factor * m.moments[k], m.role, m.name, dots, size=size, hidden=m.hidden) for m in models]
         if measured is not None:  # above dots, below lines
             place = len(layers) if dots else len(layers) - len(models)
@@ -326,7 +326,7 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     by_angle = axis.endswith("1/rad")  # the moment itself goes up and down with the angle flown
     layers: list[Layer] = []
     if by_angle:
-        layers += estimate(x[order], flown, flown_sigma, "second", "at the angle flown")
+        layers += estimate(x[order], flown, flown_sigma, "second", "at the angle flown", "± 2 sigma")
     if np.any(beyond := np.array(slope.extrapolated)[order]):
         layers.append(Line(x[order], value, "first", "extrapolated to alpha = 0", dashed=True))
     if np.any(near := ~beyond):  # which may be one place alone

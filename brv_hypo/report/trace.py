@@ -19,8 +19,7 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
-from brv_hypo.tracing.fit import WHITE_CHANCE
-from brv_hypo.tracing.result import Family, ProcessHistory, Residual, Step, Trace
+from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
@@ -42,7 +41,7 @@ STATIC_TRACED = (
     "extrapolated, and compare may differ."
 )
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-NOT_SURE = f"not surely above {share(LEAST_FAMILY)}"
+SURE, NOT_SURE = (f"{how} above {share(LEAST_FAMILY)}" for how in ("surely", "not surely"))
 CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
 _STOPPED = {
     "white": "The residual is noise.",
@@ -52,8 +51,8 @@ _STOPPED = {
 }
 """Why the loop stopped, where that says something of the flight."""
 _ERRORS = (
-    "Mean square of the moment error; held out: on blocks that took no part in fit or choice, where that of noise "
-    "scatters by about the last model's sigma. Every model has errors of the record; tolerances are their 1 sigma"
+    "Mean square of the moment error; held out: on blocks that take no part in fit or choice; sigma: its standard "
+    "error, from block to block. Errors of the record, with their tolerances as 1 sigma, are fitted in every model"
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
 HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
@@ -99,7 +98,7 @@ def families_chart(step: Step) -> Chart:
     for each in step.decomposition:
         sure, size, (low, high) = is_sure(each), 100.0 * each.share, (100.0 * end for end in each.interval_95)
         bar = Bars([f"{each.family} {share(each.share)}"], [size], error=([size - low], [high - size]))
-        layers.append(replace(bar, role="second") if sure else replace(bar, role="none", name=NOT_SURE))
+        layers.append(replace(bar, role="second", name=SURE) if sure else replace(bar, role="none", name=NOT_SURE))
     rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
     layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
     read = "first by effects that were added, then by processes (95 % intervals)."
@@ -148,7 +147,7 @@ def trace_document(result: Trace) -> Document:
     conclusion = (
         "" if sound else CONTRADICTED,
         _found_text(result),
-        f"Hints, no findings: {', '.join(result.hints)}. {next_step(result)}" if result.hints else "",
+        f"Hints, no findings: {result.hints_in_words}. {next_step(result)}" if result.hints else "",
         result.static_stability or stable,
         result.dynamic_stability,
         " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
@@ -177,15 +176,13 @@ def trace_document(result: Trace) -> Document:
     known = result.record_errors
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
-    final = () if ended or result.final_residual is None else (residual_text(result.final_residual),)
+    final = () if ended or result.final_residual is None else (result.final_residual.words,)
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
-    # The coefficient of a ramp is a rate, and no size of what was found.
-    rising = {term.mechanism for term in result.model.terms if term.name.startswith("ramp ")}
-    own = [term for term in result.model.terms if term.mechanism in set(result.findings) - rising]
+    own = [term for term in result.model.terms if term.mechanism in result.findings]
     heading = "What was found, beside all that was added and without processes: quote those of compare"
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST)
     warnings = (*fault_texts(result.record), *result.caveats)
@@ -218,9 +215,16 @@ def trace_document(result: Trace) -> Document:
 def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        found = [each.held_out for each in result.account if each.model in result.findings]
-        left = share((found or [result.account[-1].held_out])[-1] / result.steps[0].error_before.held_out)
-        return f"With {', '.join(result.findings)}, the held-out error is {left} of what it is without."
+        steps, before = lasting_steps(result.steps), result.steps[0].error_before.held_out
+        tolerated = {each.added: each for each in steps if each.exceeds_tolerance}
+        others, said = [name for name in result.findings if name not in tolerated], []
+        if others:
+            left = share([each.held_out for each in result.account if each.model in others][-1] / before)
+            said = [f"With {', '.join(others)}, the held-out error is {left} of what it is without."]
+        large = "is larger than its tolerance, within which every model has it: with none at all, the held-out error is"
+        for name, step in tolerated.items():
+            said.append(f"{name} {large} {number(1.0 / (step.error_ratio_held_out or 1.0), 2)} times as large.")
+        return " ".join(said)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     return f"No effect with a name was found{explained}."
@@ -232,30 +236,15 @@ def next_step(result: Trace) -> str:
     named, usual = [name for name in result.hints if kinds.get(name) == "mechanism"], compared([])
     rivals = [*usual, *(name for name in named if name not in usual)] if set(named) - set(usual) else []
     plugins = "".join(f" --plugin {file}" for file in plugin_files())
-    options, written = plugins, ""
     described = any(kinds.get(name) == "discovered" for name in result.hints)
-    if described:
-        written = ", with what --write-mechanism FILE.yaml writes here,"
-        options = f"{plugins} --plugin FILE.yaml"
-    if rivals:
-        options = f" --mechanisms {','.join(rivals)}" + options
+    written = ", with what --write-mechanism FILE.yaml writes here," if described else ""
+    options = f" --mechanisms {','.join(rivals)}" if rivals else ""
+    options += f"{plugins} --plugin FILE.yaml" if described else plugins
     weighed = f"`brv-hypo compare FLIGHT.h5{options}`{written} weighs it against its rivals; "
     first = weighed if named or described else ""
     return (
         f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml{plugins}`, with what --write-model MODEL.yaml "
         "writes here, tells whether it holds on another flight."
-    )
-
-
-def residual_text(residual: Residual) -> str:
-    """Size, whiteness and place of a residual."""
-    beyond = "white but for its size" if residual.p_value > WHITE_CHANCE else "not white"
-    white = "white" if residual.white else f"{beyond} (p {p_value(residual.p_value)})"
-    where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
-    return (
-        f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} times the noise's; "
-        f"largest in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
-        f"{number(residual.dominant_frequency_hz)} Hz"
     )
 
 
@@ -286,7 +275,7 @@ def _step(step: Step) -> list[Block]:
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
     words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
     return [
-        Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
+        Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
         Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
@@ -311,7 +300,7 @@ def outcome_text(step: Step) -> str:
     text = (
         f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
-        f"(ratio {ratio})"
+        f"(ratio {ratio}{f' to a model with no {step.added}' if step.exceeds_tolerance else ''})"
     )
     if step.evidence_gain is not None:
         text += f", {number(step.evidence_gain, 2)} nats more evidence beside processes"

@@ -1,8 +1,7 @@
 """Which effect joins a model: a candidate as it is fitted, the blocks held out, all processes, repetitions.
 
-A `Candidate` is one effect as fitted beside a model. `Tried` is a candidate with the model that it makes: `accepted` is
-the one test by which it joins the model. `choose` tries the candidates of a step, best first, and says how many
-repetitions name the one that is accepted.
+`Tried.accepted` is the one test by which a candidate joins the model. `choose` tries the candidates of a step, best
+first, and says how many repetitions name the one that is accepted.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.intervals import within_bounds
+from brv_hypo.comparison.intervals import out_of_bounds, within_bounds
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise
@@ -41,27 +40,18 @@ from brv_hypo.tracing.result import Kind
 # schedule comes first, by the measured entry (`tests.studies.loop.variants`).
 CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 LOOP_DETECTED = 25.0  # fall of the sum of squares at which an effect is detected: F of one coefficient
-# Standard errors by which the held-out error has to fall: 5 %, one-sided. That the effect is no chance find among many
-# was asked of the fitted part before.
-HELD_OUT_SIGMAS = 1.645
-# Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
-# for eight stretches held out. The noise of the gyros, differentiated, may drown it.
-HELD_OUT_WORSE = 1.9
+HELD_OUT_SIGMAS = 1.645  # standard errors by which the held-out error has to fall: 5 %, one-sided
+HELD_OUT_WORSE = 1.9  # by which that of the moments may grow where it need not fall: Student's of eight stretches
 HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that short correlations count
-# Share of the significance from which an effect counts where the residual passes for white: a test of whiteness asks
-# for anything at all, and overlooks what the effect's own column shows.
-LOOP_BEYOND_DOUBT = 1e-3
+LOOP_BEYOND_DOUBT = 1e-3  # of the significance, where the residual passes for white, which overlooks single effects
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
-# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
-# all a function of Mach number, and jumps in time describe any smooth change.
-LOOP_SCHEDULE = 0.5
-# Of the configured number. Inertia and dynamic pressure are unknown within their tolerances in each: known to be one
-# off, they change evidences by a nat or two, for the baseline's coefficients take them up.
-LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)
+LOOP_SCHEDULE = 0.5  # of what the best explains, from which a schedule comes first: jumps describe any smooth change
+LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)  # of the configured number; pressure and inertia unknown within tolerance
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
+IMPOSSIBLE_SIGMAS = 3.0  # standard errors by which a value may lie outside what is possible; convention
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
 
@@ -109,11 +99,6 @@ class Candidate:
         """Fall of the extended BIC."""
         return self.null.information - self.fit.information
 
-    @property
-    def explains(self) -> float:
-        """Share of the weighed squares that it saves."""
-        return 1.0 - self.fit.rss / self.null.rss
-
     @cached_property
     def fall(self) -> float:
         """Fall of the weighed squares in effective samples."""
@@ -135,9 +120,7 @@ class Candidate:
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what it would lose by values that a body may have; of several flights, whose values differ, as it
-    is.
-    """
+    """The fit with what it would lose by values that a body may have; of several flights, which differ, as it is."""
     if len(problem.records) > 1 or not any(mechanism.bounds for mechanism in fit.mechanisms):
         return fit
     return within_bounds(with_errors(problem, replace(fit, bound_cost=0.0)))
@@ -163,10 +146,8 @@ def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...
 def best_first(
     offered: Sequence[Candidate], evidences: Mapping[str, float], chosen: Candidate | None = None
 ) -> Callable[[Candidate], tuple[float, float]]:
-    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
-
-    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`. A
-    description in generic terms has to beat a name by that, unless it was `chosen`.
+    """The order of candidates, the leader least: of those whose evidences beside processes differ by less than
+    `SPECIFIC`, what explains most. A description in generic terms has to beat a name by that, unless it was `chosen`.
     """
     equal = max(evidences.values(), default=0.0) - SPECIFIC  # of what saves nothing there is no evidence
     named = [each for each in offered if each.kind != "discovered" or each is chosen]
@@ -184,9 +165,8 @@ def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights about the same point.
-
-    Beside a first schedule by Mach number, which the model then has smooth, the errors of the record are others.
+    """The model with a candidate added, fitted to the fitted part of the flights about the same point; beside a first
+    schedule by Mach number, which the model then has smooth, with errors of the record found anew.
     """
     found = candidate.fit
     if candidate.effect is None:
@@ -210,38 +190,38 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
 class Tried:
     """A candidate with the model that it makes (`fit`) and the one `before`.
 
-    What has a tolerance is fixed at zero before, though every other fit has it within its tolerance.
+    What `has_tolerance` is fixed at zero before, though every other fit has it within that. `gain`, where `agrees`: of
+    the log evidence beside all processes or, up to none, in the place of its family's. Beside a `white` residual the
+    evidence has to want it clearly. `may_be_named`: so it does, or no other family explains most of the residual.
     """
 
     candidate: Candidate
     before: Fit
     fit: Fit
     has_tolerance: bool
-    """Whether every fit has it within its tolerance."""
     gain: float = 0.0
-    """Of the log evidence beside all processes or, up to none, in the place of its family's; where `agrees`."""
     white: bool = False
-    """Whether the residual before is noise, beside which an effect is added only if the evidence clearly wants it."""
     may_be_named: bool = True
-    """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
     @cached_property
-    def ratio(self) -> float:
-        """Of the moments' mean squared errors on the held-out part, with it and before."""
-        return self.fit.held_out / self.before.held_out
-
-    @cached_property
-    def ratio_error(self) -> float:
-        """The standard error of the ratio, over held-out stretches."""
-        return jackknife_error(self.fit.left_out / self.before.left_out)
+    def ratios(self) -> dict[str, tuple[float, float]]:
+        """Of the moments' mean squared errors with it and before, with standard errors over stretches: on the blocks
+        that are for "deciding", on those "reported", and on "both": few stretches tell little of the ratio's error.
+        """
+        data, found = self.before.data, {}
+        both = (data.deciding, data.reported)
+        for name, parts in (("deciding", both[:1]), ("reported", both[1:]), ("both", both)):
+            after, before = (each.mean_square_of(parts) for each in (self.fit, self.before))
+            without = self.fit.without_stretches(parts) / self.before.without_stretches(parts)
+            found[name] = after / before, jackknife_error(without)
+        return found
 
     @cached_property
     def score(self) -> float:
-        """Fall of the squared error of moments and force on the held-out part, each over its noise, in standard errors.
-
-        Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
+        """Fall of the squared error of moments and force on the blocks that decide, each over its noise, in its errors,
+        which are summed over clusters of neighbours (White, Econometrica 48:817, 1980).
         """
-        part, sigma = self.before.data.held_out, self.before.problem.rows.noise.force.sigma
+        part, sigma = self.before.data.deciding, self.before.problem.rows.noise.force.sigma
         use = part.rows[self.before.left.usable[part.rows] & self.fit.left.usable[part.rows]]
 
         def error(fit: Fit) -> FloatArray:
@@ -256,16 +236,13 @@ class Tried:
 
     @property
     def accepted(self) -> bool:
-        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all.
-
-        What the evidence does not want beside them is refused where another family explains most of the residual.
-        """
+        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
         wanted = self.gain > (SPECIFIC if self.white else 0.0 if self.has_tolerance else -SPECIFIC)
         return self.agrees and wanted and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
     def agrees(self) -> bool:
-        """Whether the held-out part agrees.
+        """Whether the blocks that decide agree.
 
         The error of moments and force has to fall significantly, and that of the moments alone, but for an error of the
         record: it may show in the specific force, and must not make the moments significantly worse then. What every
@@ -273,11 +250,17 @@ class Tried:
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out_scatter)
+        ratio, error = self.ratios["deciding"]
+        no_worse = ratio < 1.0 + max(HELD_OUT_WORSE * error, self._scatter)
         if self.has_tolerance:
             return no_worse
-        falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
+        falls = ratio < 1.0 or (self.candidate.effect is not None and no_worse)
         return falls and self.score >= HELD_OUT_SIGMAS
+
+    @cached_property
+    def _scatter(self) -> float:
+        """Relative standard deviation of white noise's mean square on the blocks that decide, two axes a sample."""
+        return float(np.sum(self.before.left.usable[self.before.data.deciding.rows]) ** -0.5)
 
     @cached_property
     def elsewhere(self) -> float | None:
@@ -288,9 +271,16 @@ class Tried:
         before, after = (sum(error_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
         return after / before
 
+    @cached_property
+    def impossible(self) -> str:
+        """A value that is impossible, in words; empty where none is, and of several flights, whose values differ."""
+        excess = out_of_bounds(self.candidate.fit) if len(self.fit.data.records) == 1 else None
+        return excess.words if excess is not None and excess.sigmas > IMPOSSIBLE_SIGMAS else ""
+
     def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
         """Why it is no finding, one of so many choices; empty for a finding."""
-        lowers, found = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0, []
+        (ratio, error), found = self.ratios["both"], []
+        lowers = ratio + FINDING_SIGMAS * error < 1.0 and self.ratios["reported"][0] < 1.0
         if not lowers:
             found.append("the held-out error of the moments does not fall significantly")
         if (self.elsewhere or 0.0) >= 1.0:
@@ -300,16 +290,15 @@ class Tried:
                 f"processes may explain the flight instead: beside them it gains {self.gain:.1f} in ln evidence, and "
                 f"one of {choices} effects that were tried needs {SPECIFIC + np.log(choices):.1f}"
             )
+        if self.impossible:
+            found.append(f"its value is impossible: {self.impossible}")
         if named_in < FINDING_REPEATED:
             found.append(f"fewer than {100.0 * FINDING_REPEATED:.0f} % of the repetitions name it")
         return tuple(found)
 
 
 def error_elsewhere(fit: Fit, number: int) -> float:
-    """Mean square of the moment errors on one flight of the shared coefficients that the others have.
-
-    What is of this flight alone is fitted to it.
-    """
+    """Mean square of the moment errors on one flight with the others' shared coefficients, its own fitted to it."""
     data, inside = fit.data, fit.data.frame.flight_of_row == number
     numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
     flights = np.array([-1 if each is None else each for each in numbers])
@@ -324,9 +313,8 @@ def error_elsewhere(fit: Fit, number: int) -> float:
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates beside a fit, best first, and those that were tried on the held-out part, in order.
-
-    `named_in`: the share of the repetitions that name the last of these, where the held-out part agrees with it.
+    """The candidates beside a fit, best first, those that were tried on the held-out part, in order, and the share of
+    the repetitions that name the last of these (`named_in`), where the held-out part agrees with it.
     """
 
     fit: Fit
@@ -342,16 +330,12 @@ class Choice:
 
     @cached_property
     def significant(self) -> list[Candidate]:
-        """Those that count.
-
-        Where the residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
-        that every fit allows it.
-        """
+        """Those that count; where the residual is white, what is beyond doubt or has a tolerance to exceed."""
         level, white, found = self.fit.data.source.config.significance, self.fit.residual.white, []
-        for each in (each for each in self.ranked if each.gain > 0.0 and each.fall >= LOOP_DETECTED):
+        for each in self.ranked:
             doubted = white and not has_tolerance(self.fit.problem, each.name)
-            if self.chances[each.name] <= level * (LOOP_BEYOND_DOUBT if doubted else 1.0):
-                found.append(each)
+            sure = self.chances[each.name] <= level * (LOOP_BEYOND_DOUBT if doubted else 1.0)
+            found += [each] if sure and each.gain > 0.0 and each.fall >= LOOP_DETECTED else []
         return found
 
     @property
@@ -373,11 +357,9 @@ class Choice:
     @property
     def reported(self) -> tuple[Candidate, ...]:
         """The candidates with the leading one first and what this flight cannot tell from it after it."""
-        if self.leading is None:
-            return self.ranked
-        leader = self.leading.candidate
-        rank = {leader.name: 0, **dict.fromkeys(confounded(leader, self.ranked), 1)}
-        return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
+        first = [] if self.leading is None else [self.leading.candidate]
+        like = [name for each in first for name in (each.name, *confounded(each, self.ranked))]
+        return tuple(sorted(self.ranked, key=lambda each: like.index(each.name) if each.name in like else len(like)))
 
 
 def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
@@ -413,10 +395,8 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
 
 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
-    """Try the candidates that count on the held-out part, the best first, until one is accepted.
-
-    Where the model has no schedule, those that explain as much are the first. What explains far less than the best does
-    not stand in its place.
+    """Try the candidates that count on the held-out part, the best first, until one is accepted; schedules before it,
+    where the model has none, and nothing that explains far less in its place.
     """
     ranked = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
     first, tried = () if has_schedule(fit.model) else schedules_first(ranked), list[Tried]()
@@ -460,9 +440,7 @@ def named_again(beside: Beside, offered: Sequence[Candidate], own: Candidate, fi
 
 
 def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[str, HypothesisFit]]:
-    """The fits of rivals by name, mechanisms searched anew on another grid of knots; on one flight, where they are
-    searched so, and not of one that has no rival.
-    """
+    """The fits of rivals by name, mechanisms searched anew on other grids of knots; of one flight, where they are."""
     timed = [r for r in rivals if r.kind == "mechanism" and r.fit.mechanisms[0].time_variation != ("constant",)]
     if not timed or len(rivals) == 1 or len(fit.problem.records) > 1:
         return

@@ -20,7 +20,7 @@ from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.tracing.acceptance import Candidate, bounded, solved_again
 from brv_hypo.tracing.description import GENERIC, described
-from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST
+from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST, RECORD_SHARE_LARGEST
 from brv_hypo.tracing.fit import Fit, history_name
 
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
@@ -31,10 +31,8 @@ Variant = tuple[Applied, ...]
 def analyse_step(
     fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], describe: bool = False
 ) -> tuple[Fit, tuple[Candidate, ...]]:
-    """Every candidate beside a model on the fitted part of linearised flights, and the fit under the noise that they
-    show.
-
-    To `describe`: the one entry of the dictionary too that describes best what is unexplained.
+    """Every candidate beside a model, to `describe` the best entry of the dictionary too, on the fitted part of
+    linearised flights, and the fit under the noise that they show.
     """
     model = fit.model
     catalogue: dict[str, list[Variant]] = {}
@@ -86,9 +84,7 @@ def _variants_of(flights: Mapping[int, Flight], effect: RecordEffect) -> list[Va
 
 
 def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | None:
-    """A record effect's best components, at its best variant; None where only absurd sizes fit: the record would
-    explain itself away.
-    """
+    """A record effect's best components, at its best variant; None where only sizes fit that no record has."""
     problem, searched = fit.problem, sum(map(len, variants))
     found = []
     for variant in filter(None, variants):
@@ -97,15 +93,18 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
         for own in forward(problem, effect.name, (), problem.frame, columns, searched):
             pairs = zip(own.selected, own.values[own.baseline_size :].tolist(), strict=True)
             applied = tuple(known[column.term].model_copy(update={"value": value}) for column, value in pairs)
-            if all(abs(each.value) <= RECORD_EFFECT_LARGEST * each.size for each in applied):
+            sizes = (
+                abs(a.value) / (1.0 if a.units == "1" else np.inf) for a in applied
+            )  # as shares of what is measured
+            few = all(abs(a.value) <= RECORD_EFFECT_LARGEST * a.size for a in applied)
+            if few and max(sizes) < RECORD_SHARE_LARGEST:
                 found.append(Candidate(effect.kind, fit.null, own, applied))
     return min(found, key=lambda candidate: candidate.fit.information, default=None)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
-    """A record effect that comes in variants brought closer to its best one, and the fit that has those histories.
-
-    However little it gains: a quarter of a second off its time, a step of the wind may look like nothing.
+    """A record effect brought closer to its best variant, and the fit with those histories; however little it gains:
+    a quarter of a second off its time, a step of the wind may look like nothing.
     """
     for _ in range(RECORD_EFFECT_CLOSER):
         best = candidate.applied[0]
@@ -122,10 +121,9 @@ def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
 
 
 def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate | None:
-    """A mechanism's columns beside the model; None if it adds none.
-
-    On one flight as `compare` searches them, under the record's own noise (`sharp`): where much of the residual is the
-    effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids, refined.
+    """A mechanism's columns beside the model; None if it adds none. On one flight as `compare` searches them, under the
+    record's own noise (`sharp`): where much of the residual is the effect, a noise raised to it hides delays and knots.
+    On several flights the best ones on the grids, refined.
     """
     problem = fit.problem
     if len(problem.records) == 1:

@@ -23,25 +23,20 @@ from brv_hypo.tracing.result import Baseline
 
 # Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones; the prior of
 # the schedule is judgement about bodies, after results on the measured entry had been seen.
-# Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a
-# logarithm, over which it changes: blunt and slender shapes change by such shares within a doubling.
-SCHEDULE_RELATIVE = 1.0
+SCHEDULE_RELATIVE = 1.0  # 1-sigma of the slope's change within a doubling of the Mach number, over its mean
 TRACED_SLOPE_DEGREE = 2  # of the scheduled stiffness in Mach number
 TRACED_SPAN = (0.5, 99.5)  # percentiles that a quantity runs between
 TRACED_SMALLEST_SPAN = 0.01  # of its greatest value; narrower, the polynomial is next to a constant
-# Decades (rms) by which Reynolds number has to leave a smooth function of Mach number, of this degree, to be a quantity
-# of its own.
-TRACED_INDEPENDENT = 0.1
-TRACED_SMOOTH_DEGREE = 3
+TRACED_INDEPENDENT = 0.1  # decades (rms) by which Reynolds number has to leave a smooth function of Mach number
+TRACED_SMOOTH_DEGREE = 3  # of that function
 
 
 def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline: Baseline = "constant") -> Model:
     """The columns of the baseline: constant coefficients, a stiffness that follows Mach and Reynolds number, or that of
     a table; and, without columns, further mechanisms and what its static moment may be more.
 
-    That is a bend that a body with its slope may have, and a schedule where it follows Mach number. A table that says
-    how the slope goes with the angle of attack says by how much it may err in that as well; and what has the bend as a
-    column already knows no prior of it.
+    That is a bend that a body with its slope may have, unless a table by angle of attack or a column has it, and a
+    schedule where it follows Mach number.
     Raises UnanswerableError where a record has no Mach number at which a table could be read.
     """
     flights, aero = source.records, source.config.aero

@@ -77,10 +77,9 @@ _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Re
 
 @dataclass(frozen=True)
 class Entry:
-    """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
-
-    `at(position)` is the same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they
-    lie; the others may begin, end and jump in time.
+    """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on, `at(position)` the
+    same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they lie; the others may
+    begin, end and jump in time.
     """
 
     words: str
@@ -93,9 +92,8 @@ class Entry:
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
-    """The dictionary for these flights; quantities that a record lacks or that hardly change are left out.
-
-    Of several flights, what all share: nothing that follows the record's time.
+    """The dictionary for these flights, without quantities that a record lacks or that hardly change; of several
+    flights what all share, nothing that follows the record's time.
     """
     one = len(motions) == 1
     found = [*(_turning(motions[0]) if one else ()), *_throughout()]
@@ -209,9 +207,8 @@ def described(problem: Problem, name: str) -> HypothesisFit | None:
 
 
 def described_in_part(beside: Beside, like: HypothesisFit) -> HypothesisFit | None:
-    """The entry that explains most between two times of one flight, at its best place, where there are no processes.
-
-    What acts a quarter of a record keeps a quarter of what it explains throughout, and others come before it.
+    """The entry that explains most between two times of one flight, at its best place, where there are no processes;
+    throughout, what acts a quarter of a record keeps a quarter of what it explains.
     """
     problem, null, name = beside.rows.problem, [beside.evidence([], ())], like.name
     offered = {Described.by(name, e): e for e in entries(problem.frame.motions) if e.follows is None}

@@ -41,6 +41,7 @@ from brv_hypo.tracing.result import Family, ProcessHistory
 
 FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
+RECORD_SHARE_LARGEST = 1.0  # of what is measured, that an error in proportion to it may be: then nothing was measured
 RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
 _PLACES = 9  # at which the history of a process is reported
 
@@ -71,10 +72,16 @@ class Beside:
             self._known[key] = maximised(rows, terms, *([self.start] if families is None else []))
         return self._known[key]
 
-    def _squares(self, names: Sequence[str], families: Sequence[str] | None = ()) -> float:
-        """Of the residual of the baseline, its tolerances and some effects, without processes or beside some."""
-        residual = self.evidence(names, families).residual
-        return float(residual @ residual)
+    def _squares(self, names: Sequence[str]) -> float:
+        """Of the residual of the baseline, its tolerances and some effects, without processes."""
+        return float(np.sum(self.evidence(names, ()).residual ** 2))
+
+    def _of_processes(self, names: Sequence[str], families: Sequence[str] = ()) -> float:
+        """Fall of the squares by those processes, of all or some families, that the evidence wants beside effects:
+        others take noise alone with them.
+        """
+        last = [self.evidence(names, ()), *(own for _, own in self._selected(names, families))][-1]
+        return self._squares(names) - float(np.sum(last.residual**2))
 
     def gain(self, name: str, in_place: bool = False) -> float:
         """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
@@ -85,13 +92,12 @@ class Beside:
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
         names = list(self.terms)
-        before, after = self._squares([each for each in names if each != name]), self._squares(names)
-        return (after - self._squares(names, [self.families[name]])) / max(before - after, 1e-300)
+        explains = self._squares([each for each in names if each != name]) - self._squares(names)
+        return self._of_processes(names, [self.families[name]]) / max(explains, 1e-300)
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
-        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
-
-        As it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
+        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there: as
+        it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
         """
         pair, problem = self._pair(fit), self.rows.problem
         if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
@@ -131,13 +137,11 @@ class Beside:
 
     def is_adequate(self, names: Sequence[str]) -> bool:
         """Whether effects explain more of the residual than processes beside them; so where there is neither."""
-        whole, beside, rest = self._squares([]), self._squares(names), self._squares(names, None)
-        return whole - beside >= beside - rest
+        return self._squares([]) - self._squares(names) >= self._of_processes(names)
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
-        """What effects and then families of processes explain of the residual, the largest first.
-
-        Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
+        """What effects and then families of processes explain of the residual, the largest first, with intervals of the
+        jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
         selected = self._finer._selected(names)
         order = [*(self.families[name] for name in names), *(family for family, _ in selected)]
@@ -170,9 +174,9 @@ class Beside:
         found = self.shares([])
         return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
-    def _selected(self, names: Sequence[str]) -> list[tuple[str, Evidence]]:
-        """Families one after another, each the one that raises the evidence most, while that gains; maybe none."""
-        rest, known = list(dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
+    def _selected(self, names: Sequence[str], families: Sequence[str] = ()) -> list[tuple[str, Evidence]]:
+        """Families, all or of some, one after another, each the one that raises the evidence most, while that gains."""
+        rest, known = list(families or dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
         found: list[tuple[str, Evidence]] = []
         level = self.evidence(names, ()).level
         while rest:
@@ -204,15 +208,13 @@ class Beside:
             sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
             if len(values) == 1:
                 (value,), (sigma,) = values, errors
+            histories = {"values": value, "std_errors": sigma, "mach": motion.mach[places]}
+            histories |= {"time_s": motion.time[places], "alpha_rad": motion.alpha[places]}
             found[family] = ProcessHistory(
                 process=process.name,
                 title=process.title,
                 units=groups[k].units,
-                time_s=tuple(motion.time[places].tolist()),
-                mach=tuple(motion.mach[places].tolist()),
-                alpha_rad=tuple(motion.alpha[places].tolist()),
-                values=tuple(value.tolist()),
-                std_errors=tuple(sigma.tolist()),
+                **{name: tuple(values.tolist()) for name, values in histories.items()},
             )
         return found
 
@@ -220,9 +222,8 @@ class Beside:
 def beside_processes(
     fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Histories] | None = None
 ) -> Beside:
-    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record.
-
-    `given`: histories that may become columns.
+    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record;
+    `given` are histories that may become columns.
     """
     model, data, count = fit.model, fit.data, len(before.columns)
     base, added = model.columns[:count], model.columns[count:]
@@ -274,9 +275,8 @@ def _finer_processes() -> tuple[MomentProcess, ...]:
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:
-    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many.
-
-    So is their prior: were it of typical sizes, errors of the record would come before moments that are there.
+    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many; so is their prior: were it
+    of typical sizes, errors of the record would come before moments that are there.
     """
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_PRIOR), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))

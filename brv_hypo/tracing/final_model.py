@@ -20,15 +20,16 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
-from brv_hypo.io.text import number, times
+from brv_hypo.io.text import estimated, times
 from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.model import Model, ModelError, SavedModel, digest
+from brv_hypo.model.model import Model, ModelError, SavedModel, SavedRecordError, digest
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.description import GENERIC, file_of
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
-from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
+from brv_hypo.tracing.fit import Corrected, Fit
+from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
 
 UNSTABLE_SIGMAS = 3.0  # of the worst of 32 places (`REPORTED_SLOPES`): at 5 % (Bonferroni)
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
@@ -45,52 +46,46 @@ def gathered(
     stopped: Stop,
     discovery: MechanismFile | None,
 ) -> Trace:
-    """The result of the contract; `before` are the residual moments of the first model, `beside` is the last one's
-    evidence beside processes.
-    """
+    """The result of the contract, of residual moments `before`, and the last model's evidence `beside` processes."""
     data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
-    found = whole.coefficients
-    definition = _definition(fit, whole, found)
+    columns, values, covariance = whole.coefficients
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
     slopes, damped = (
         along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, by, weight) for by in (slope, damping)
     )
     # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
     # the baseline's tolerances, of which they make none, come last.
-    of_processes = np.pad(beside.errors_of_processes[0], (0, found.values.size - len(fit.model.columns)))
+    of_processes = np.pad(beside.errors_of_processes[0], (0, values.size - len(fit.model.columns)))
     number = final.flight or 0  # the one of several that is drawn
     rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
     kept = (before.usable & fit.left.usable)[rows]
     samples, rows = data.frame.samples(number)[kept], rows[kept]
-    findings, every = names_added(steps, "finding"), zip(flights, data.frame.reconstructions, slopes, strict=True)
+    every = zip(flights, data.frame.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
         steps=tuple(steps),
-        findings=findings,
-        hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
+        findings=names_added(steps, "finding"),
+        hints=names_added(steps, "hint"),
         families=steps[0].families,
         account=account,
         model=ModelSummary(
-            terms=(
-                *estimates(found.columns, found.values, found.covariance + of_processes, data.frame),
-                *_record_terms(whole),
-            ),
-            definition=definition,
+            terms=(*estimates(columns, values, covariance + of_processes, data.frame), *_record_terms(whole)),
+            definition=_definition(fit, whole),
         ),
         record_errors=record_errors(beside, weight),
-        **collinear(found.columns, found.covariance),
+        **collinear(columns, covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
-        unexplained=unexplained(final),
+        unexplained=None if final.white else f"The residual has {final.words}.",
         caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
-        noise=fit.left.mean_square_of_noise(data.held_out.rows),
+        noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
-        discovered=_described(fit.model, found, discovery),
+        discovered=_described(fit.model, columns, values) or discovery,
         picture=Picture(
             measured=pair(data.moments(data.frame.observed).body[rows]),
             before=pair(before.body[rows]),
@@ -102,14 +97,14 @@ def gathered(
     )
 
 
-def _described(model: Model, found: Coefficients, discovery: MechanismFile | None) -> MechanismFile | None:
-    """All that was described in generic terms, with its values; where nothing was added, what could not be."""
+def _described(model: Model, columns: Sequence[Regressor], values: FloatArray) -> MechanismFile | None:
+    """All that was added in generic terms, with its values (columns,)."""
     pieces = []
-    for name in dict.fromkeys(c.mechanism for c in found.columns if c.mechanism.startswith(GENERIC)):
-        own = [k for k, column in enumerate(found.columns) if column.mechanism == name]
-        if isinstance(piece := model.mechanisms[name], YamlMechanism):
-            pieces.append((piece, [found.columns[k] for k in own], found.values[own]))
-    return file_of(pieces) if pieces else discovery
+    for name, piece in model.mechanisms.items():
+        if name.startswith(GENERIC) and isinstance(piece, YamlMechanism):
+            own = [k for k, column in enumerate(columns) if column.mechanism == name]
+            pieces.append((piece, [columns[k] for k in own], values[own]))
+    return file_of(pieces) if pieces else None
 
 
 def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -121,37 +116,27 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
-    """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty.
-
-    At zero alpha where samples are near it, elsewhere at the angle flown.
+    """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty. At zero alpha where
+    samples are near it, elsewhere at the angle flown.
     """
-    several = len(slopes) > 1
-    found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
-    return " ".join(filter(None, found))
-
-
-def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
-    margin, beyond = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, np.array(slope.extrapolated)
-    zero = np.array([slope.at_zero, slope.at_zero_std_error])
-    flown = np.array([slope.at_flown, slope.at_flown_std_error])
-    sentences = []
-    for (values, errors), where in ((flown, beyond), (zero, ~beyond)):
-        chosen = where & (values + margin * errors >= 0.0)
-        if not np.any(chosen):
-            continue
-        worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
-        said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
-        words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
-        time, alpha = times(slope.time_s[worst]), f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
-        if where is beyond:
-            sentences.append(f"At the angle flown {words}{time} and {alpha}.")
-        else:
-            sentences.append(f"At alpha = 0 {words}{time}, and {_sized(*flown[:, worst])} at the {alpha} flown there.")
+    margin, sentences = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, []
+    for one in slopes:
+        of = f"{moment} of flight {one.flight + 1}" if len(slopes) > 1 else moment
+        beyond, flown = np.array(one.extrapolated), np.array([one.at_flown, one.at_flown_std_error])
+        for (values, errors), where in ((flown, beyond), ((one.at_zero, one.at_zero_std_error), ~beyond)):
+            chosen = where & (np.add(values, np.multiply(margin, errors)) >= 0.0)
+            if not np.any(chosen):
+                continue
+            worst = int(np.argmax(np.where(chosen, np.divide(values, np.maximum(errors, 1e-300)), -np.inf)))
+            said = "is unstable" if values[worst] > UNSTABLE_SIGMAS * errors[worst] else "is not significantly stable"
+            words = f"the {of} {said} {_when(one, chosen)}: {estimated(values[worst], errors[worst])} per rad at "
+            time, alpha = times(one.time_s[worst]), f"{np.degrees(one.alpha_rad[worst]):.2g} deg"
+            if where is beyond:
+                sentences.append(f"At the angle flown {words}{time} and {alpha}.")
+            else:
+                there = f"{estimated(*flown[:, worst])} at the {alpha} flown there"
+                sentences.append(f"At alpha = 0 {words}{time}, and {there}.")
     return " ".join(sentences)
-
-
-def _sized(value: float, error: float) -> str:
-    return f"{number(value, 2)} ± {number(error, 1)}"
 
 
 def _when(slope: Derivative, chosen: BoolArray) -> str:
@@ -163,19 +148,6 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
         known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
         said.append(f"{'at' if len(ends) == 1 else 'from'} {times(*(slope.time_s[k] for k in ends))}{known}")
     return " and ".join(said)
-
-
-def unexplained(residual: Residual) -> str | None:
-    """The residual in a sentence; None where it is white."""
-    if residual.white:
-        return None
-    ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
-    factor = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
-    return (
-        f"The residual has an rms of {number(residual.rms)}, {factor} times the noise of the moments; it is largest in "
-        f"{residual.worst_channel} and from {times(*residual.worst_region_s)}, at "
-        f"{residual.dominant_frequency_hz:.3g} Hz."
-    )
 
 
 def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
@@ -198,9 +170,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 
 
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
-    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
-    along.
-    """
+    """What was taken out of the record, with the standard errors of a further change, moments and motion fitted too."""
     variances = np.diag(whole.covariance)[len(whole.model.columns) :]
     pairs = zip(whole.nuisances, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True)
     of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
@@ -211,8 +181,9 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     return tuple(found)
 
 
-def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
+def _definition(fit: Fit, whole: Fit) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
+    columns, values, covariance = whole.coefficients
     flights, lasts, left = fit.data.source.records, fit.model.lasting, fit.left
     if not np.all(lasts):  # as it is on other flights
         known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
@@ -222,25 +193,29 @@ def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     flown = {"alpha": (0.0, float(alpha.max()))}
     if np.all(np.isfinite(mach)):
         flown["mach"] = (float(mach.min()), float(mach.max()))
-    saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
+    saved = whole.model.but(columns=columns).saved().with_coefficients(values, covariance)
     return saved.model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
             "digests": tuple(map(digest, flights)),
+            "errors": tuple(
+                SavedRecordError(effect=e.name, component=e.component, value=e.whole(value), flight=e.flight or 0)
+                for e, value in zip(whole.nuisances, whole.solution[1].tolist(), strict=True)
+                if e.stated
+            ),
             "flown": flown,
         }
     )
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
-    """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights.
-
-    By Mach number, each held-out stretch with its neighbours: one holds few cycles. Nothing where that is no more than
-    the noise may leave by chance.
+    """What the model leaves on blocks held out of the fit, and leaves there without what belongs to its own flights: by
+    Mach number, each stretch with its neighbours, as one holds few cycles; nothing that noise may leave by chance.
     """
-    pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
+    parts = [held.rows[a:b] for held in (data.deciding, data.reported) for a, b in held.pieces]
+    pieces = [rows for rows in parts if np.any(own.usable[rows])]
     mach = np.concatenate([each.mach[data.frame.samples(k)] for k, each in enumerate(data.frame.motions)])
     places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
     if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:

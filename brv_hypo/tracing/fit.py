@@ -39,18 +39,15 @@ from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
-from brv_hypo.tracing.result import Residual, TraceConfig
+from brv_hypo.tracing.result import WHITE_CHANCE, Residual, TraceConfig
 
 # Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones.
 MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the record
-# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
-# record that is corrected by it is no longer the one that was flown.
-MODEL_PLAUSIBLE = 3.0
+MODEL_PLAUSIBLE = 3.0  # tolerances up to which an error is taken out: a larger one is what the model lacks
 MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
 MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
-WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
 REPORTED_REGIONS = 8  # parts of a record, of which the worst is reported
 
 
@@ -79,6 +76,7 @@ class Flights:
 class Corrected:
     """The records of flights without what a model takes out of them, reconstructed.
 
+    Blocks held out of the fit are `deciding` what is added, or `reported`: their errors take no part in any choice.
     `corrections`, one a flight, are the errors that were found within the tolerances. The regression knows them by
     their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
     """
@@ -87,7 +85,8 @@ class Corrected:
     records: tuple[InertialRecord, ...]
     frame: RateFrame
     fitted: Part
-    held_out: Part
+    deciding: Part
+    reported: Part
     whole: Part
     corrections: tuple[Errors, ...]
 
@@ -149,9 +148,8 @@ class Corrected:
 
 
 def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
-    """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
-
-    What the reconstruction finds of the remaining errors within their tolerances is taken out too.
+    """Reconstruct the flights as the model reads their records, `corrections` out of each besides, and what the
+    reconstruction finds of the remaining errors within their tolerances.
     """
     corrections = tuple(corrections) if corrections is not None else tuple({} for _ in source.records)
     points = [source.read(number, model, known) for number, known in enumerate(corrections)]
@@ -163,13 +161,8 @@ def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None 
     return Corrected(source, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Columns of moments with their coefficients (columns,) and these' covariance."""
-
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    covariance: FloatArray
+Coefficients = tuple[tuple[Regressor, ...], FloatArray, FloatArray]
+"""Columns of moments with their coefficients (columns,) and these' covariance."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +239,7 @@ class Fit:
         scale = np.array([*np.ones(values.size), *(items[k].size for k in places)])
         chosen = np.array([*range(values.size), *(values.size + k for k in places)], dtype=int)
         covariance = self.covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
-        return Coefficients((*self.model.columns, *more), scale * np.append(values, others[places]), covariance)
+        return (*self.model.columns, *more), scale * np.append(values, others[places]), covariance
 
     @property
     def record_errors(self) -> tuple[Errors, ...]:
@@ -288,29 +281,26 @@ class Fit:
         """Mean square of the moment coefficients' residual, pitch and yaw together, on the fitted part."""
         return self.left.mean_square(self.data.fitted.rows)
 
+    def mean_square_of(self, parts: Sequence[Part]) -> float:
+        """The same on parts of the record."""
+        return self.left.mean_square(np.concatenate([part.rows for part in parts]))
+
     @property
     def held_out(self) -> float:
-        """The same on the blocks held out."""
-        return self.left.mean_square(self.data.held_out.rows)
+        """The same on the blocks that take no part in fit or choice."""
+        return self.mean_square_of([self.data.reported])
 
-    @property
-    def held_out_scatter(self) -> float:
-        """Relative standard deviation of that of so much white noise, two axes a sample."""
-        return float(np.sum(self.left.usable[self.data.held_out.rows]) ** -0.5)
-
-    @property
-    def left_out(self) -> FloatArray:
-        """The mean square on the blocks held out without each of their stretches (stretches,)."""
-        part, usable = self.data.held_out, self.left.usable
-        square = np.where(usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)[part.rows]
-        sums, sizes = (np.array([each[a:b].sum() for a, b in part.pieces]) for each in (square, usable[part.rows]))
+    def without_stretches(self, parts: Sequence[Part]) -> FloatArray:
+        """The mean square on parts of the record without each of their stretches (stretches,)."""
+        square = np.where(self.left.usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)
+        stretches = [part.rows[a:b] for part in parts for a, b in part.pieces]
+        sums, sizes = (np.array([each[rows].sum() for rows in stretches]) for each in (square, self.left.usable))
         return np.asarray((sums.sum() - sums) / np.maximum(sizes.sum() - sizes, 1.0), dtype=float)
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual. White is only what is no larger than noise.
-
-        Of several flights, size and place are those of the one with the largest residual against its noise.
+        """Tests of the residual; white is only what is no larger than noise. Of several flights, size and place are of
+        the one with the largest residual against its noise.
         """
         data, left = self.data, self.left
         spans = [data.frame.span(number) for number in range(len(data.records))]
@@ -338,9 +328,8 @@ class Fit:
         )
 
     def on_whole_record(self) -> Fit:
-        """The same on the whole record, with the effective share of samples that the fitted part shows.
-
-        Without histories that may become columns.
+        """The same on the whole record, without histories that may become columns, with the effective share of samples
+        that the fitted part shows.
         """
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
@@ -361,9 +350,8 @@ class Fit:
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones.
-
-    Without a `noise`, it is what the record itself says, raised to what the model leaves.
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones; without a `noise`, under what
+    the record itself says, raised to what the model leaves.
     """
     linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
@@ -429,9 +417,8 @@ def _without_its_errors(fit: Fit) -> Fit:
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
-    """What is taken out of one flight's record from here on: its errors within their tolerances.
-
-    `found` are whole errors, with what was taken out `before` in them.
+    """What is taken out of one flight's record from here on: its errors within their tolerances. `found` are whole
+    errors, with what was taken out `before` in them.
     """
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     most = {(e.name, c.name): MODEL_PLAUSIBLE * c.size for e in nuisance_effects() for c in e.components(flight)}

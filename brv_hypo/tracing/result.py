@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
@@ -10,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.io.text import interval, number, p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
@@ -17,6 +19,7 @@ from brv_hypo.model.model import SavedModel
 from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
+WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
 TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
 Baseline = Literal["scheduled", "constant"]
 
@@ -41,8 +44,8 @@ class TraceConfig(BaseModel):
     """Whether the dictionary of generic terms is searched too."""
     method: Method = "joint"
     """Of reconstruction, as in `reconstruct`."""
-    blocks: int = Field(default=32, ge=8, le=200)
-    """Blocks of time that the record is cut into; every fourth is held out."""
+    blocks: int = Field(default=32, ge=16, le=200)
+    """Blocks of time that the record is cut into; every fourth decides what is added, every eighth is reported."""
     max_steps: int = Field(default=8, ge=1, le=30)
     """Effects that may be added."""
     significance: float = Field(default=0.01, gt=0.0, lt=0.5)
@@ -84,10 +87,21 @@ class Residual(NullIsNaN):
     worst_region_s: Interval
     dominant_frequency_hz: float
 
+    @property
+    def words(self) -> str:
+        """Size, whiteness and place."""
+        beyond = "white but for its size" if self.p_value > WHITE_CHANCE else "not white"
+        white = "white" if self.white else f"{beyond} (p {p_value(self.p_value)})"
+        where = "" if self.flight is None else f"flight {self.flight + 1}: "
+        return (
+            f"{where}rms {number(self.rms)}, {white}, mean square {number(self.noise_ratio)} times the noise's; "
+            f"largest in {self.worst_channel}, {interval(self.worst_region_s)} s, mostly at "
+            f"{number(self.dominant_frequency_hz)} Hz"
+        )
+
 
 class ProcessHistory(NullIsNaN):
     """The history of a process on the first flight: its coefficient, or the length of several, at times of the record.
-
     Of processes of the moment `units` are those of a moment coefficient over the shape's.
     """
 
@@ -166,6 +180,17 @@ class Step(NullIsNaN):
     held_out_score: float | None = None
     ratio_of_flights_left_out: float | None = None
 
+    def as_hint(self, doubt: str) -> Step:
+        """The same as a hint, for a further doubt."""
+        return self.model_copy(update={"status": "hint", "doubts": (*self.doubts, doubt)})
+
+    @property
+    def exceeds_tolerance(self) -> bool:
+        """Whether every model has what was added within its tolerance: the ratio is to a model without any of it."""
+        if self.error_after is None or self.error_ratio_held_out is None:
+            return False
+        return not math.isclose(self.error_ratio_held_out, self.error_after.held_out / self.error_before.held_out)
+
 
 def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
     """The steps that added what the model still holds."""
@@ -240,9 +265,14 @@ class Trace(HasCharts, Result):
         """The effects that were added and stay, in order; once, though an effect was added in parts."""
         return names_added(self.steps)
 
+    @property
+    def hints_in_words(self) -> str:
+        """The hints; of what was found, a further part may be one."""
+        return ", ".join(name + (" (a further part)" if name in self.findings else "") for name in self.hints)
+
     def headline(self) -> str:
         """What was found, what is hinted at, and why the loop stopped."""
-        hints = f"; hints {', '.join(self.hints)}" if self.hints else ""
+        hints = f"; hints {self.hints_in_words}" if self.hints else ""
         found = ", ".join(self.findings) or "nothing"
         return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
 
@@ -252,17 +282,11 @@ class Trace(HasCharts, Result):
 
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""
-        return [
-            {
-                "step": step.step,
-                "added": step.added,
-                "standing": step.status,
-                "named_in": step.named_in,
-                "residual_rms": step.residual.rms,
-                "white": step.residual.white,
-                **{f"{k}_before": value for k, value in step.error_before},
-                **{f"{k}_after": value for k, value in step.error_after or ()},
-                "error_ratio_held_out": step.error_ratio_held_out,
-            }
-            for step in self.steps
-        ]
+        rows = []
+        for step in self.steps:
+            residual = {"residual_rms": step.residual.rms, "white": step.residual.white}
+            errors = {f"{k}_before": value for k, value in step.error_before}
+            errors |= {f"{k}_after": value for k, value in step.error_after or ()}
+            own = {"step": step.step, "added": step.added, "standing": step.status, "named_in": step.named_in}
+            rows.append({**own, **residual, **errors, "error_ratio_held_out": step.error_ratio_held_out})
+        return rows

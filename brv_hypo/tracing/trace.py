@@ -37,7 +37,7 @@ from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
+from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     TRACED_SMALLEST,
     Account,
@@ -157,9 +157,8 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
     models += zip((start, *added), fits, strict=True)
-    return tuple(
-        Account(model=name, held_out=fit.held_out, std_error=jackknife_error(fit.left_out)) for name, fit in models
-    )
+    known = ((name, fit.held_out, fit.without_stretches([fit.data.reported])) for name, fit in models)
+    return tuple(Account(model=name, held_out=own, std_error=jackknife_error(left)) for name, own, left in known)
 
 
 # ---- One step ----
@@ -169,13 +168,17 @@ def _turn(
     number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
 ) -> tuple[Step, Fit | None, MechanismFile | None, Beside]:
     """One step: the residual, the candidates, and the model with the best of them if it is needed.
-
     What steps `before` added and is not wanted beside it is removed. Where it leads to no fit, the description in
     generic terms that is significant all the same; last what it adds, and processes beside that, on the whole record.
     """
     model, source, config = fit.model, fit.data.source, fit.data.source.config
     flights = source.records
-    usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
+    usable = []
+    for mechanism in mechanisms:  # of which the records hold what it needs, such as the Mach number
+        theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
+        terms = [term for motion in fit.data.frame.motions for term in mechanism.terms(motion, theta)]
+        if all(np.all(np.isfinite([term.in_plane, term.out_of_plane])) for term in terms):
+            usable.append(mechanism)
     bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
     # What changes in time may be described better by more columns of it.
     timed = [m for m in usable if m.time_variation != ("constant",)]
@@ -210,17 +213,9 @@ def _has_everywhere(name: str, model: Model, flights: int) -> bool:
     return name in model.added and (None in own or len(own) in (0, flights))
 
 
-def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
-    """Whether the records hold what the mechanism needs, such as the Mach number."""
-    theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
-    terms = [term for motion in data.frame.motions for term in mechanism.terms(motion, theta)]
-    return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
-
-
 def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the effects whose moments are not wanted beside all others and processes.
-
-    Schedules, which change what the baseline is, and what every fit has within its tolerance are left as they are.
+    """Those of the effects whose moments are not wanted beside all others and processes; not schedules, which change
+    what the baseline is, nor what every fit has within its tolerance.
     """
     model, flights = fit.model, fit.data.flights
     known = [model.mechanisms[name] for name in names if name in model.mechanisms]
@@ -232,8 +227,8 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
-    """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
-    final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
+    """The steps, whose findings are hints where processes explain the flight as well as the effect, more than all that
+    was added, or those of the effect's family have much to explain beside it.
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
@@ -242,30 +237,25 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
         if gains.get(name, -np.inf) < SPECIFIC:
             return "beside the final model, processes explain the flight as well"
         if not adequate:
-            return "the final model is inadequate"
+            return "processes explain more than all that was added to the final model"
         much = beside.rest_of_family(name) > FAMILY_REST
         return "processes of its family have much to explain beside it" if much else ""
 
     return [
-        _as_hint(step, found) if step.added and step.status == "finding" and (found := doubt(step.added)) else step
+        step.as_hint(found) if step.added and step.status == "finding" and (found := doubt(step.added)) else step
         for step in steps
     ]
 
 
 def beside_hints(steps: Sequence[Step]) -> list[Step]:
-    """The steps, whose findings are hints where the model had what earlier steps added and did not establish.
-
-    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
+    """The steps, whose findings are hints where the model had what earlier steps added and did not establish: what is
+    added beside it may make up for it.
     """
     found = list[Step]()
     for step in steps:
         rests = any(each.status == "hint" for each in lasting_steps([*found, step])[:-1])
-        found.append(_as_hint(step, "it rests on an earlier hint") if rests and step.status is not None else step)
+        found.append(step.as_hint("it rests on an earlier hint") if rests and step.status is not None else step)
     return found
-
-
-def _as_hint(step: Step, doubt: str) -> Step:
-    return step.model_copy(update={"status": "hint", "doubts": (*step.doubts, doubt)})
 
 
 # ---- What a step says ----
@@ -293,7 +283,7 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
                 kind=each.kind,
                 f_ratio=each.f_ratio,
                 p_value_adjusted=choice.chances[each.name],
-                explains=each.explains,
+                explains=1.0 - each.fit.rss / each.null.rss,
                 description=_described(each, fit),
                 near_equals=confounded(each, reported),
             )
@@ -309,8 +299,8 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
         description="" if leading is None else _described(leading.candidate, fit),
         error_before=Errors(fit=fit.error, held_out=fit.held_out),
         error_after=None if leading is None else Errors(fit=leading.fit.error, held_out=leading.fit.held_out),
-        error_ratio_held_out=None if leading is None else leading.ratio,
-        error_ratio_std_error=None if leading is None else leading.ratio_error,
+        error_ratio_held_out=None if leading is None else leading.ratios["reported"][0],
+        error_ratio_std_error=None if leading is None else leading.ratios["reported"][1],
         held_out_score=None if leading is None else leading.score,
         ratio_of_flights_left_out=None if leading is None else leading.elsewhere,
     )

@@ -179,6 +179,13 @@ def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
     assert (at_home.own_record, elsewhere.own_record) == (True, False)
 
 
+def test_what_is_refitted_elsewhere_keeps_its_times_and_this_is_said(record: Flight, elsewhere: Prediction) -> None:
+    found = predict(record, with_a_jump(traced_trim(), "another.h5"), "bodyfixed")
+    assert {term.mechanism for term in found.refitted} == {"bodyfixed"}
+    assert "Of bodyfixed the coefficients alone were fitted to this flight, at the times and delays" in found.reason
+    assert "alone were fitted" not in elsewhere.reason
+
+
 @pytest.mark.thorough
 def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record: Flight) -> None:
     model = with_a_jump(traced_trim(), str(record.path)).model_copy(update={"times": ((0.0, 3.0),)})

@@ -6,6 +6,8 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +18,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import number
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.model.model import SavedModel
+from brv_hypo.model.term import BASELINE
 from brv_hypo.prediction import Prediction, predict
-from brv_hypo.prediction.changes import CHANGE_CHANCE
+from brv_hypo.prediction.changes import CHANGE_CHANCE, find_differences
 from brv_hypo.prediction.result import LocalChange, reason
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
@@ -33,6 +36,7 @@ from tests.studies.loop.planting import another_flight
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 # A change of the sister's slope of 1/rad, and when.
 CHANGE, CHANGED_S = 0.002, (2.0, 3.5)
+WITH_MAGNUS: dict[str, Any] = {"seed": 4101, "plant": ("magnus",), "instruments": {"draw": 1.0}}
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +92,45 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
     assert "contradicts the model" in found.reason
     assert not predicted.refused
     assert "contradicts" not in predicted.reason
+
+
+@pytest.mark.parametrize(
+    ("by", "named"),
+    [
+        ({"C_malpha": -0.0045, "C_m0": 2e-4}, {"C_malpha", "C_m0"}),
+        ({"C_malpha": -0.0045, "C_mq": -0.2}, {"C_malpha", "C_mq"}),
+        ({"C_malpha3": -3.0}, {"C_malpha3"}),
+    ],
+)
+def test_coefficients_that_differ_together_are_named_together(
+    traced: Trace, by: dict[str, float], named: set[str]
+) -> None:
+    """The one whose release helped most stood for both: C_malpha3 for slope and offset."""
+    config = another_flight(trimmed_cone(TRIM), 4)
+    own = config.aerodynamics
+    other = own.model_copy(update={name: getattr(own, name) + value for name, value in by.items()})
+    found = predict(simulate(config.model_copy(update={"aerodynamics": other}), seed=5), traced.model.definition)
+    differences = (found.difference, *found.further_differences)
+    assert {each.term for each in differences if each} == named
+    for each in differences:
+        assert each is not None
+        assert each.value == pytest.approx(by[each.term], abs=3.0 * each.std_error)
+        assert f"{each.term} is {each.frozen:.4g}" in found.reason
+
+
+def test_what_cannot_be_distinguished_is_an_alternative(held: Prediction) -> None:
+    """Two coefficients that err together: either alone may be what differs."""
+    covariance = np.array([[1.0, -0.999, 0.0], [-0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    own: Any = SimpleNamespace(
+        values=np.array([0.6, 0.0, 0.0]), covariance=0.0 * covariance, rows=SimpleNamespace(groups=())
+    )
+    names = ("C_malpha", "C_malpha3", "C_mq")
+    terms: Any = [SimpleNamespace(name=name, mechanism=BASELINE, units="1/rad") for name in names]
+    (found,) = find_differences(own, terms, np.zeros(3), covariance)
+    assert (found.term, found.alternatives) == ("C_malpha", ("C_malpha3",))
+    said = reason(held.model_copy(update={"difference": found, "further_differences": ()}), 0.99, 0.1, 0.1, "")
+    assert "its static moment is another: C_malpha is" in said
+    assert "(or C_malpha3 in its place: this flight does not distinguish them)" in said
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +193,27 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.flown == 1.0
 
 
+def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> None:
+    """With coefficients from beside them and without them, it left 400 times what one fitted here does."""
+    flight = simulate("research_cone", **WITH_MAGNUS).flight
+    content = magnus_found().model.definition
+    found, without = (predict(flight, each) for each in (content, content.model_copy(update={"errors": ()})))
+    assert found.error.frozen < 1.02 * found.error.own
+    assert without.error.frozen > 2.0 * found.error.frozen
+    assert "are those that were fitted to it within their tolerances" in found.reason
+    assert "--refit" not in found.reason
+
+
+def test_on_a_record_of_several_the_model_is_that_of_this_flight() -> None:
+    flights = [simulate(trimmed_cone((1e-3, trim)), seed=k).flight for k, trim in enumerate((-5e-4, 8e-4))]
+    content = trace(flights, TraceConfig(effects=("trim",), discover=False, max_steps=1)).model.definition
+    for flight, trim in zip(flights, (-5e-4, 8e-4), strict=True):
+        found = predict(flight, content)
+        assert found.own_record
+        assert found.error.frozen < 1.05 * found.error.own
+        assert {t.name: t.value for t in found.frozen}["C_n0"] == pytest.approx(trim, rel=0.1)
+
+
 def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, sister: Flight) -> None:
     """Beside it, its coefficient and the bend's would each be any half of their sum."""
     found = predict(sister, traced.model.definition, ("trim", "cubic_stiffness"))
@@ -191,8 +255,14 @@ def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: 
 
 
 def test_an_unknown_name_is_refused(traced: Trace, sister: Flight) -> None:
-    with pytest.raises(UsageError, match=r"the model has no lag, and its delay is not known.*compare --mechanisms lag"):
+    with pytest.raises(
+        UsageError, match=r"the model has no lag of this flight, and its delay is not known.*compare --mechanisms lag"
+    ):
         predict(sister, traced.model.definition, ("lag",))
+    with pytest.raises(
+        UsageError, match=r"no wind_step of this flight, and its time is not known.*searched for by `tr"
+    ):
+        predict(sister, traced.model.definition, ("wind_step",))
     with pytest.raises(UsageError, match="did you mean trim"):
         predict(sister, traced.model.definition, ("trm",))
 
@@ -253,7 +323,7 @@ def test_what_was_refitted_as_advised_contradicts_nothing_else(seed: int, unchan
 @cache
 def magnus_found() -> Trace:
     """The trace of a flight with magnus, errors of its instruments drawn."""
-    flight = simulate("research_cone", seed=4101, plant=("magnus",), instruments={"draw": 1.0}).flight
+    flight = simulate("research_cone", **WITH_MAGNUS).flight
     return trace(flight, effects=["magnus"], discover=False)
 
 
@@ -275,7 +345,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
     assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
     changed = LocalChange(term="C_mq", units="1/rad", start_s=1.0, stop_s=2.0, mach=None, value=1.0, std_error=0.1,
                           f_ratio=100.0, p_value=0.0)  # fmt: skip
-    other = held.difference.model_copy(update={"term": "C_mq"})
+    other = held.difference.model_copy(update={"term": "C_mq", "mechanism": BASELINE})
     for update in ({"local_change": changed}, {"difference": other}):  # what no trim undoes
         said = reason(held.model_copy(update=update), 0.99, 0.7, 0.0, "trim,instruments")
         assert "`--refit trim,instruments` lets this flight have its own." in said

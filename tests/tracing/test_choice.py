@@ -16,10 +16,14 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import acceptance
 from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted, named_again
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.fit import Flights, correct
 from brv_hypo.tracing.result import Step, TraceConfig
 from brv_hypo.tracing.trace import _confirmed, beside_hints
+from tests.flights import nominal
 
 SCATTER = 0.05
+PARTS = ("deciding", "reported", "both")
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -49,9 +53,8 @@ def known(one: Found, **values: Any) -> Found:
 def judged(one: Any, score: float, ratio: float) -> Tried:
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
-    before: Any = SimpleNamespace(held_out_scatter=SCATTER)
-    tried = Tried(one, before, nothing, has_tolerance=False, gain=SPECIFIC)
-    return known(tried, score=score, ratio=ratio, ratio_error=0.1)
+    tried = Tried(one, nothing, nothing, has_tolerance=False, gain=SPECIFIC)
+    return known(tried, score=score, _scatter=SCATTER, ratios=dict.fromkeys(PARTS, (ratio, 0.1)))
 
 
 def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = True) -> Choice:
@@ -87,6 +90,16 @@ def test_a_name_outside_the_family_that_explains_most_is_refused_and_a_descripti
     tried = known(judged(candidate(name, 90.0), 5.0, 0.5), gain=0.0)
     assert tried.accepted
     assert known(tried, may_be_named=False).accepted is accepted
+
+
+def test_what_is_reported_takes_no_part_in_fit_or_choice() -> None:
+    source = Flights((nominal().flight,), TraceConfig())
+    data = correct(source, start_model(source))
+    parts = [set(part.rows.tolist()) for part in (data.fitted, data.deciding, data.reported)]
+    assert sum(map(len, parts)) == len(set.union(*parts))
+    assert [round(8.0 * len(rows) / data.whole.rows.size) for rows in parts] == [5, 2, 1]
+    tried = judged(candidate("lag", 90.0), 5.0, 0.5)
+    assert known(tried, ratios=tried.ratios | dict.fromkeys(PARTS[1:], (np.nan, np.nan))).accepted
 
 
 def test_beside_noise_nothing_is_added_that_the_evidence_does_not_clearly_want() -> None:
@@ -197,7 +210,7 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
 @pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])
 def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
     one: Any = SimpleNamespace(effect=object())
-    tried = known(judged(one, 8.0, ratio), ratio_error=0.001, has_tolerance=True)
+    tried = known(judged(one, 8.0, ratio), ratios={"deciding": (ratio, 0.001)}, has_tolerance=True)
     assert tried.accepted is expected
 
 
@@ -213,7 +226,8 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
     ("changed", "named_in", "said"),
     [
         ({}, 1.0, ()),
-        ({"ratio": 0.99, "ratio_error": 0.1}, 1.0, ("the held-out error of the moments does not fall significantly",)),
+        ({"both": (0.99, 0.1)}, 1.0, ("the held-out error of the moments does not fall significantly",)),
+        ({"reported": (1.01, 0.1)}, 1.0, ("the held-out error of the moments does not fall significantly",)),
         ({"elsewhere": 1.2}, 1.0, ("flights that are predicted from the others are predicted worse",)),
         (
             {"gain": SPECIFIC},
@@ -223,12 +237,14 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: b
                 "effects that were tried needs 7.3",
             ),
         ),
+        ({"impossible": "eps = 70"}, 1.0, ("its value is impossible: eps = 70",)),
         ({}, 0.7, ("fewer than 75 % of the repetitions name it",)),
     ],
 )
-def test_what_is_no_finding_says_why(changed: dict[str, float], named_in: float, said: tuple[str, ...]) -> None:
+def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, said: tuple[str, ...]) -> None:
     one = judged(candidate("lag", 90.0), 5.0, 0.5)
-    one = known(one, **({"gain": 2.0 * SPECIFIC, "ratio_error": 0.01, "elsewhere": None} | changed))
+    one = known(one, **({"gain": 2.0 * SPECIFIC, "elsewhere": None, "impossible": ""} | changed))
+    one = known(one, ratios=one.ratios | {name: changed[name] for name in PARTS if name in changed})
     assert one.doubts(named_in, 10) == said
 
 

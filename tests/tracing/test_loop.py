@@ -11,7 +11,7 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.text import share
+from brv_hypo.io.text import number, share
 from brv_hypo.report.document import Bars, Line, Table, Texts, flat
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import plotly_chart
@@ -20,8 +20,8 @@ from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.fit import Flights
-from brv_hypo.tracing.result import Family, ProcessHistory
-from tests.chains import traced_trim
+from brv_hypo.tracing.result import Family, ProcessHistory, names_added
+from tests.chains import ONE_EFFECT, traced_trim, trimmed_cone
 from tests.flights import nominal
 from tests.shared_data import shared_file
 from tests.studies.comparison.benchmark import finer
@@ -164,11 +164,15 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
     residual = traced.steps[0].residual.model_copy(update={"white": False})
     first = traced.steps[0].model_copy(update={"decomposition": (family, small), "residual": residual})
-    left = share(traced.account[-1].held_out / first.error_before.held_out)
+    times = number(1.0 / traced.steps[0].error_ratio_held_out, 2)
     shares = "body 83 % (70 to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
-        (("trim",), f"With trim, the held-out error is {left} of what it is without."),
+        (
+            ("trim",),
+            "trim is larger than its tolerance, within which every model has it: with none at all, the held-out error "
+            f"is {times} times as large.",
+        ),
     ):
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
@@ -180,6 +184,39 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     assert document.ahead == ()
 
 
+def test_a_further_part_of_what_was_found_is_a_hint_and_ramps_are_in_its_table() -> None:
+    """Once a finding with a ramp had no table, and what was added to it as a hint was in no list."""
+    traced = traced_trim()
+    step = traced.steps[0]
+    steps = (step, step.model_copy(update={"status": "hint"}))
+    assert (names_added(steps, "finding"), names_added(steps, "hint")) == (("trim",), ("trim",))
+    terms = [each.model_copy(update={"name": f"ramp in {each.name}"}) for each in traced.model.terms]
+    model = traced.model.model_copy(update={"terms": tuple(terms)})
+    both = traced.model_copy(update={"findings": ("trim",), "hints": ("trim",), "model": model})
+    assert "Hints, no findings: trim (a further part)." in trace_document(both).conclusion
+    tables = [block for block in flat(trace_document(both).beside) if isinstance(block, Table)]
+    assert [row["term"] for row in tables[0].rows] == ["ramp in C_m0", "ramp in C_n0"]
+
+
+def test_what_has_no_tolerance_is_said_to_lower_the_error() -> None:
+    traced = traced_trim()
+    step = traced.steps[0]
+    ratio = step.error_after.held_out / step.error_before.held_out if step.error_after else np.nan
+    first = step.model_copy(update={"error_ratio_held_out": ratio})
+    document = trace_document(traced.model_copy(update={"findings": ("trim",), "steps": (first,)}))
+    left = share(traced.account[-1].held_out / first.error_before.held_out)
+    assert document.conclusion.splitlines()[0] == f"With trim, the held-out error is {left} of what it is without."
+
+
+def test_a_trim_beyond_its_tolerance_is_found_where_all_that_is_left_is_noise() -> None:
+    """Processes that the evidence does not want take some of the noise with them: once "the model is inadequate"."""
+    result = trace(simulate(trimmed_cone((-3e-4, 2.5e-4)), seed=3), ONE_EFFECT)
+    assert result.findings == ("trim",)
+    assert result.steps[0].exceeds_tolerance
+    assert result.final_residual is not None
+    assert result.final_residual.noise_ratio < 1.2
+
+
 def test_the_chart_of_families_marks_those_that_the_text_is_not_sure_of() -> None:
     surely = Family(family="body", share=0.83, interval_95=(0.7, 0.9))
     doubtful = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
@@ -187,9 +224,13 @@ def test_the_chart_of_families_marks_those_that_the_text_is_not_sure_of() -> Non
     chart = families_chart(step)
     bars = [(layer.names, layer.role, layer.name) for layer in chart.panels[0].layers if isinstance(layer, Bars)]
     rest = (["noise, lack of fit 15 %"], "measured", "")
-    assert bars == [(["body 83 %"], "second", ""), (["air 2 %"], "none", "not surely above 0.5 %"), rest]
+    assert bars == [
+        (["body 83 %"], "second", "surely above 0.5 %"),
+        (["air 2 %"], "none", "not surely above 0.5 %"),
+        rest,
+    ]
     drawn, names = plotly_chart(chart), ["body 83 %", "air 2 %", *rest[0]]
-    assert [trace["name"] for trace in drawn["traces"] if trace["showlegend"]] == [bars[1][2]]
+    assert [trace["name"] for trace in drawn["traces"] if trace["showlegend"]] == [bars[0][2], bars[1][2]]
     assert [text.get_text() for text in chart_figure(chart).axes[0].get_yticklabels()] == names
     body, ends = drawn["traces"][0], [surely.interval_95[0], surely.interval_95[1]]
     error = body["error_x"]

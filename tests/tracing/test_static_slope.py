@@ -65,8 +65,8 @@ def test_a_stable_vehicle_needs_no_words() -> None:
 
 def test_where_it_is_unstable_is_told_with_its_size() -> None:
     said = stability_in_words([sloped([-0.1, -0.01, 0.04, 0.01, -0.1, -0.1])])
-    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.04 ± 0.01 per rad at 20 s" in said
-    assert "-0.1 ± 0.02 at the 2.9 deg flown there" in said
+    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.040 ± 0.01 per rad at 20 s" in said
+    assert "-0.100 ± 0.02 at the 2.9 deg flown there" in said
 
 
 def test_where_it_is_not_told_to_be_stable_is_told_flight_by_flight() -> None:
@@ -84,5 +84,5 @@ def test_no_value_at_alpha_zero_is_stated_where_no_sample_is_near_it() -> None:
     assert stability_in_words([slope]) == ""
     unstable = slope.model_copy(update={"at_flown": (-0.1, -0.1, 0.07)})
     said = stability_in_words([unstable])
-    assert said.startswith("At the angle flown the static moment is unstable at 20 s (Mach 18): 0.07 ± 0.02 per rad")
+    assert said.startswith("At the angle flown the static moment is unstable at 20 s (Mach 18): 0.070 ± 0.02 per rad")
     assert "alpha = 0" not in said
