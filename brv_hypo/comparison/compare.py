@@ -279,9 +279,8 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    """By name; that of a nuisance effect or process asks for it in every hypothesis, and makes none of its own.
-
-    Raises UsageError where these are all that is named.
+    """By name; that of a nuisance effect or process asks for it in every hypothesis, and makes none of its own. Raises
+    UsageError where these are all that is named.
     """
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}

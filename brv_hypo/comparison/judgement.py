@@ -236,9 +236,8 @@ def _share(pair: Pair) -> float:
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
-    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
-
-    Those that stay out of reach keep theirs.
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie. Those that stay out
+    of reach keep theirs.
     """
     here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
     there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]

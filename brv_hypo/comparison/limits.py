@@ -137,7 +137,6 @@ def _fitted(
     fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float, mechanisms: Collection[str]
 ) -> tuple[float, float, float]:
     """The rms moment that what was fitted of some mechanisms has, its standard error, and what it has at most.
-
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
     lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
     scatters over stretches of time; of a knot that is not surely placed as far as its interval reaches. `scale`: its
@@ -171,7 +170,6 @@ def _fitted(
 def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:
     """By how much 2 ln L may fall from the estimate of each shape (shapes,): `LIMIT_FALL`, less by how much the best
     fits better than it, but for what the best of so many gains by chance (at 95 %); not below 0. `weight`: of a nat.
-
     The best region in noise alone fits better than others (Davies, Biometrika 74, 1987), so that a body-fixed moment
     that acts always, which trim takes up, seemed to be excluded.
     """
@@ -183,10 +181,9 @@ def _rooms(shapes: Sequence[Shape], weight: float) -> list[float]:
 def _coefficients(
     shapes: Sequence[Shape], rooms: Sequence[float], frame: RateFrame, mechanism: Mechanism
 ) -> dict[str, float]:
-    """By term the largest size of its coefficient within the `rooms` of the shapes.
-
-    Over those that last `LIMIT_PART` of the record at least, and not all of it, as baseline and trim do; empty of a
-    mechanism with a delay, on which its coefficients hang.
+    """By term the largest size of its coefficient within the `rooms` of the shapes. Over those that last `LIMIT_PART`
+    of the record at least, and not all of it, as baseline and trim do; empty of a mechanism with a delay, on which its
+    coefficients hang.
     """
     whole = np.ptp(frame.coefficient_time)
     sizes = [

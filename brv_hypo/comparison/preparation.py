@@ -155,10 +155,9 @@ class _Event:
 
 
 def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
-    """The settings with the noise that instruments have at the motion's frequencies, where that is far more.
-
-    A motion that the fit knows needs no other, but another noise may want another normal force. Where no motion is
-    found under that noise, it stays.
+    """The settings with the noise that instruments have at the motion's frequencies, where that is far more. A motion
+    that the fit knows needs no other, but another noise may want another normal force. Where no motion is found under
+    that noise, it stays.
     """
     records, lasting = problem.records, problem.rows.noise.lasting
     if lasting is None:

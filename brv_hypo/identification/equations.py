@@ -264,9 +264,8 @@ class VehicleModel:
         return self._shapes(key, evaluated)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
-        """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
-
-        What noise leaves in the inputs does too little to the rates for a mechanism to depend on it.
+        """The motion of a point; it depends on the parameters of forces and gravity through its rates only. What noise
+        leaves in the inputs does too little to the rates for a mechanism to depend on it.
         """
         rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)

@@ -271,9 +271,8 @@ def _transverse(flight: Flight) -> ComplexArray:
 def _input_table(
     flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
 ) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Inputs (inputs, n) of one segment at any times (n,) s, in the middle of intervals of twice so many s (n,).
-
-    Means over blocks where the instruments are noisy, splines between.
+    """Inputs (inputs, n) of one segment at any times (n,) s, in the middle of intervals of twice so many s (n,). Means
+    over blocks where the instruments are noisy, splines between.
     """
     middle = local[:, local.shape[1] // 2]
     noisy = {

@@ -337,9 +337,8 @@ class Evidence(_Integrated):
 
     @cached_property
     def _without_stretches(self) -> list[tuple[float, FloatArray, FloatArray]]:
-        """Minus log p, `values` and their covariance without each stretch of time.
-
-        What is left out of one flight changes nothing of the others' elimination.
+        """Minus log p, `values` and their covariance without each stretch of time. What is left out of one flight
+        changes nothing of the others' elimination.
         """
         known, made = _eliminated(self.products, self.rows, self.at), self._values_of_border
         without = []
@@ -567,11 +566,9 @@ def _slope(there: _Integrated) -> FloatArray:
 
 
 def _curvature(there: _Integrated) -> FloatArray:
-    """Second derivatives of `_value`.
-
-    With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m, d Q_ij / d log S_k takes Q_ik Q_kj
-    and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what they share alone in common, so that
-    of two flights sums over their columns suffice.
+    """Second derivatives of `_value`. With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m,
+    d Q_ij / d log S_k takes Q_ik Q_kj and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what
+    they share alone in common, so that of two flights sums over their columns suffice.
     """
     rows, terms, at, found = there.rows, there.terms, there.at, there.solution
     per_noise, mechanism = np.exp(-2.0 * at[0]), bool(np.any(terms.scaled))

@@ -76,10 +76,9 @@ def extended(
 def _subsets(
     reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], max_terms: int
 ) -> list[Subset]:
-    """The best subset of each size of what is on offer, beside forced columns: (RSS, columns without those).
-
-    The search has the triangular factor of all columns, which has the same residual sums of squares as the rows and is
-    small. Columns that nothing is left of beside baseline and nuisances are no candidates.
+    """The best subset of each size of what is on offer, beside forced columns: (RSS, columns without those). The search
+    has the triangular factor of all columns, which has the same residual sums of squares as the rows and is small.
+    Columns that nothing is left of beside baseline and nuisances are no candidates.
     """
     columns = (*forced, *offered)
     batch = reduced.batch(columns)

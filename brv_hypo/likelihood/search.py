@@ -232,9 +232,8 @@ def _sensitivities(
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
-    """Variances brought near with theta held: far too loose or tight dynamics would lead theta astray.
-
-    Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
+    """Variances brought near with theta held: far too loose or tight dynamics would lead theta astray. Process noise
+    alone at first: beside one that is far too large, measurement noise seems to be none.
     """
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):

@@ -225,7 +225,6 @@ class LinearisedFlight:
     @cached_property
     def _as_modelled(self) -> Flight:
         """The noise-free flight with the transverse rates that the moment model makes, constants of integration fitted.
-
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free.record
@@ -239,18 +238,16 @@ class LinearisedFlight:
 
     @cached_property
     def _noise_free(self) -> NominalMotion:
-        """That of the record as it would read without noise: smoothed rates, the fitted force.
-
-        A column made of a measured channel would hold the same noise as the response, and find itself.
+        """That of the record as it would read without noise: smoothed rates, the fitted force. A column made of a
+        measured channel would hold the same noise as the response, and find itself.
         """
         force = self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
         return NominalMotion(noise_free(self.record, force), self.reconstruction.start)
 
     def _propagated(self, nominal: NominalMotion, flights: Sequence[Flight]) -> list[MovedRecord]:
-        """The records of flights that differ little, with their crossflows (n,) had the motion started as it did.
-
-        As motions are propagated once errors are out of the record: `drift` would not follow what the air's speed
-        changes otherwise than forces change it, and so the next motion would not be the one that was fitted.
+        """The records of flights that differ little, with their crossflows (n,) had the motion started as it did. As
+        motions are propagated once errors are out of the record: `drift` would not follow what the air's speed changes
+        otherwise than forces change it, and so the next motion would not be the one that was fitted.
         """
         motions = (NominalMotion(each, nominal.start) for each in perturbed(nominal.record, flights))
         here = self.reconstruction.crossflow - nominal.crossflow

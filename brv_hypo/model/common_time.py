@@ -151,7 +151,6 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
 
 def _common(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> FloatArray:
     """The reference flight's time (n,) s at a flight's own time (n,) s, from its measured and smooth Mach number (n,).
-
     By Mach number alone, or as a polynomial of its own time where the means of its Mach number want no more by BIC:
     where Mach number hardly runs it determines time badly; a shift or a change of pace between flights is then
     estimated far better.

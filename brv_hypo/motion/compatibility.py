@@ -301,11 +301,9 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
 
 
 def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
-    """True over sensed deceleration, from the change of the speed, and the standard deviation of that.
-
-    Least squares weighted by what else changes the airspeed: wind that wanders, gravity along the path, the normal
-    force times the angle of attack it takes, noise. A short or gentle record cannot tell them apart, and has a
-    large deviation.
+    """True over sensed deceleration, from the change of the speed, and the standard deviation of that. Least squares
+    weighted by what else changes the airspeed: wind that wanders, gravity along the path, the normal force times the
+    angle of attack it takes, noise. A short or gentle record cannot tell them apart, and has a large deviation.
     """
     information, right = 0.0, 0.0
     gravity = gravity_magnitude(flight) or COMPATIBILITY_GRAVITY
@@ -395,9 +393,8 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
-    """The mistake whose correction restores the record best; and whether the gyros contradict it even so.
-
-    Of a body that tumbles the relations show nothing: only what ends that is a mistake.
+    """The mistake whose correction restores the record best; and whether the gyros contradict it even so. Of a body
+    that tumbles the relations show nothing: only what ends that is a mistake.
     """
     if not _long_segments(flight):
         return ()

@@ -49,9 +49,8 @@ class SplineGrid:
     @cached_property
     def _equations(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Factors of the equations of the slopes, and what each has of the rises of the values before and after its
-        sample (m, 1); at the ends, of the first two and of the last two.
-
-        Each equation is over the product of its steps: they are symmetric so, and positive.
+        sample (m, 1); at the ends, of the first two and of the last two. Each equation is over the product of its
+        steps: they are symmetric so, and positive.
         """
         h = self.steps
         per_step = 1.0 / h[:, 0]

@@ -167,9 +167,8 @@ def gaps_of(flight: Flight) -> list[tuple[float, float]]:
 
 
 def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[str]:
-    """Whether noise hides the moments; as a share of the moments that the gyros show.
-
-    Weighed by the dynamic pressure: as it falls, a coefficient's error grows without bound, a moment's does not.
+    """Whether noise hides the moments; as a share of the moments that the gyros show. Weighed by the dynamic pressure:
+    as it falls, a coefficient's error grows without bound, a moment's does not.
     """
     usable = moments.usable
     if not usable.any():
@@ -190,9 +189,8 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[s
 
 
 def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
-    """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own.
-
-    The strongest motion, of which `inspect` tells, may be far slower, and is named beside it.
+    """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own. The strongest
+    motion, of which `inspect` tells, may be far slower, and is named beside it.
     """
     flight, spin = record.flight, record.spin_rate
     change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]

@@ -193,9 +193,8 @@ class _Filter:
 
 @lru_cache(maxsize=256)
 def _filter(order: int, half_width: int, derivative: int) -> _Filter:
-    """Filter of the value (`derivative` 0) or of its derivative per sample (1).
-
-    The polynomials are Legendre's: raw powers lose all digits on wide windows.
+    """Filter of the value (`derivative` 0) or of its derivative per sample (1). The polynomials are Legendre's: raw
+    powers lose all digits on wide windows.
     """
     window = np.arange(-half_width, half_width + 1) / half_width
     basis, triangle = np.linalg.qr(legvander(window, order))
@@ -223,10 +222,9 @@ def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> F
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
-    """Order, half-width and squared bias, per sample squared, of the filter of least mean-square error.
-
-    Bias is judged against the next even order in the same window, and against the narrowest filter of all:
-    windows of many cycles smooth everything away whatever their order, and only the second sees it.
+    """Order, half-width and squared bias, per sample squared, of the filter of least mean-square error. Bias is judged
+    against the next even order in the same window, and against the narrowest filter of all: windows of many cycles
+    smooth everything away whatever their order, and only the second sees it.
     """
     widest = max(piece.size for piece in pieces) // DERIVATIVE_WINDOWS
     both = ([np.ascontiguousarray(each.real), np.ascontiguousarray(each.imag)] for each in pieces)
@@ -272,7 +270,6 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
 
 def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float) -> float:
     """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
-
     `pieces` are the real and, where it has one, the imaginary part of each.
     """
     long = [parts for parts in pieces if parts[0].size >= difference.size]
@@ -358,10 +355,9 @@ def _splines_through(n: int) -> FloatArray:
 
 
 def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Roughness (count,) and coefficients (count, count) of orthonormal combinations of the columns (n, count).
-
-    From singular values: the roughness of the smoothest is 1e-11 of the roughest's, of which eigenvalues of squares
-    keep five digits.
+    """Roughness (count,) and coefficients (count, count) of orthonormal combinations of the columns (n, count). From
+    singular values: the roughness of the smoothest is 1e-11 of the roughest's, of which eigenvalues of squares keep
+    five digits.
     """
     count = weighted.shape[1]
     normal = weighted.T @ weighted

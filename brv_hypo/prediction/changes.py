@@ -132,9 +132,8 @@ def find_differences(
     columns, fixed columns) theirs.
     """
     known = np.flatnonzero(~np.isnan(fixed))
-    lasting = [
-        k for k, j in enumerate(known.tolist()) if " drift " not in terms[j].name
-    ]  # by one flight's time or speed
+    # A drift is by one flight's time or speed.
+    lasting = [k for k, j in enumerate(known.tolist()) if " drift " not in terms[j].name]
     known, covariance = known[lasting], covariance[np.ix_(lasting, lasting)]
     whole = own.covariance[np.ix_(known, known)] + covariance
     sigmas = np.sqrt(np.diag(whole))

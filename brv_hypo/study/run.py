@@ -353,9 +353,8 @@ def _on_cluster(call: Callable[[Work], Result], items: Sequence[Work], address: 
 
 
 def _as_worker_of(parent: int) -> None:
-    """A process that, from its first moment, leaves the keyboard to its parent and ends when that has.
-
-    A parent that was killed could tell nobody, and one that was killed early gave nothing to do.
+    """A process that, from its first moment, leaves the keyboard to its parent and ends when that has. A parent that
+    was killed could tell nobody, and one that was killed early gave nothing to do.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

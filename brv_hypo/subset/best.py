@@ -164,7 +164,6 @@ def search(board: Board, threads: int = 1, time_limit_s: float | None = None) ->
 
 def _search_numpy(board: Board, deadline: float) -> tuple[int, list[OpenSubtree]]:
     """Search in numpy, what is well-conditioned and without rules within its budget: nodes visited, and what is left.
-
     Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
     """
     allowed = _numpy_budget(deadline)

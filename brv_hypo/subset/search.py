@@ -332,9 +332,8 @@ class NumpyTree:
         self.open_subtrees.append(OpenSubtree(node.included, undecided, node.bound))
 
     def _quota(self, node: Node, rises: FloatArray) -> int:
-        """Largest number of further columns with which a subset may still beat the board.
-
-        A subset with t of them leaves out at least one of the t + 1 columns of the largest rise.
+        """Largest number of further columns with which a subset may still beat the board. A subset with t of them
+        leaves out at least one of the t + 1 columns of the largest rise.
         """
         size = len(node.included)
         for t in range(min(self._board.max_size - size, rises.size), 0, -1):
@@ -364,10 +363,9 @@ class NumpyTree:
         return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
 
     def _score(self, node: Node, quota: int) -> None:
-        """Score all singles, and all pairs where the quota is two, in closed form without division.
-
-        With S = R'R, d its diagonal and c = R'z, a pair gains what is needed, D, where
-        d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2 c_i c_k) is not negative.
+        """Score all singles, and all pairs where the quota is two, in closed form without division. With S = R'R, d its
+        diagonal and c = R'z, a pair gains what is needed, D, where d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2
+        c_i c_k) is not negative.
         """
         if quota <= 0:
             return

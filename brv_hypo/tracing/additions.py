@@ -93,11 +93,9 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
         for own in forward(problem, effect.name, (), problem.frame, columns, searched):
             pairs = zip(own.selected, own.values[own.baseline_size :].tolist(), strict=True)
             applied = tuple(known[column.term].model_copy(update={"value": value}) for column, value in pairs)
-            sizes = (
-                abs(a.value) / (1.0 if a.units == "1" else np.inf) for a in applied
-            )  # as shares of what is measured
+            shares = (abs(a.value) for a in applied if a.units == "1")  # of what is measured
             few = all(abs(a.value) <= RECORD_EFFECT_LARGEST * a.size for a in applied)
-            if few and max(sizes) < RECORD_SHARE_LARGEST:
+            if few and max(shares, default=0.0) < RECORD_SHARE_LARGEST:
                 found.append(Candidate(effect.kind, fit.null, own, applied))
     return min(found, key=lambda candidate: candidate.fit.information, default=None)
 

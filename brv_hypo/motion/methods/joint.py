@@ -409,10 +409,8 @@ def _linearised(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> tuple[RandomWalkSmoother, StartingPoint, float, bool]:
     """The problem with the record's errors, linearised where they are taken out; a rough fit, what it leaves, and
-    whether it converged.
-
-    The noise of the force is that of the residual before: with its own noise from the start, errors of the record would
-    be estimated at tens of tolerances, from where no step leads back.
+    whether it converged. The noise of the force is that of the residual before: with its own noise from the start,
+    errors of the record would be estimated at tens of tolerances, from where no step leads back.
     """
     flight, problem = record.flight, RandomWalkSmoother(record)
     # Noise that is understated would pay for gravity of any size: at first it is the whole force.
@@ -455,10 +453,9 @@ def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_fa
 def _with_force(
     problem: RandomWalkSmoother, measurement: MeasurementModel, near: StartingPoint | None, left: float
 ) -> SmoothedMotion:
-    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left.
-
-    The slope is chosen under the noise that it leaves, `left` times that of neighbouring samples to begin with, and
-    again where it leaves far less than was taken for noise.
+    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left. The slope is
+    chosen under the noise that it leaves, `left` times that of neighbouring samples to begin with, and again where it
+    leaves far less than was taken for noise.
     """
     while True:
         fit = _choose_slope(problem, (), replace(measurement, sigma=left * measurement.sigma), near)
@@ -505,10 +502,9 @@ def _with_anomalies(moment: MeasurementModel) -> MeasurementModel:
 def _choose_slope(
     problem: RandomWalkSmoother, others: Measurements, measurement: MeasurementModel, near: StartingPoint | None
 ) -> SmoothedMotion:
-    """The slope's basis in time, and whether it bends, by the Bayesian information criterion.
-
-    (Schwarz, Ann. Stat. 6:461, 1978.) How well the crossflow is known does not enter. Fits begin with the bend: the
-    residual of one that lacks it would go to the record's errors, from where no step leads back.
+    """The slope's basis in time, and whether it bends, by the Bayesian information criterion. (Schwarz, Ann. Stat.
+    6:461, 1978.) How well the crossflow is known does not enter. Fits begin with the bend: the residual of one that
+    lacks it would go to the record's errors, from where no step leads back.
     """
     time, bends = problem.record.time, not measurement.complex_slope
 
