@@ -71,8 +71,7 @@ def in_one_region(
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.beside_small) if null.has_large_processes else (null,)
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
-    ways = [pair, with_its_evidence(null.rows, fit, pair[1].at, null.at)]  # its values as they were, and consistent
-    return [*ways, *acting(problem, like, fit.mechanisms, beside, starts=[own for _, own in ways], least=(least, best))]
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
