@@ -59,7 +59,6 @@ def build_problem(
     point: LinearisationPoint | None = None,
 ) -> Problem:
     """The problem of reconstructed flights, linearised about a moment model, under the white noise of the records.
-
     `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis. Without a
     `point` the model is the baseline's first fit, and nothing was taken out of the records.
     """
@@ -99,7 +98,6 @@ def point_of(
 
 def within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
     """Fitted errors (unknowns,) in SI, one mapping a flight; scaled down to where their tolerances make them probable.
-
     A moment that is not in the model yet poses as errors of many tolerances; the record without them is another flight.
     """
     nuisances = problem.rows.nuisances

@@ -140,7 +140,6 @@ def along_flights(
     weight: float = 1.0,
 ) -> tuple[Derivative, ...]:
     """What `by` asks for on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
-
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
     `weight`: what a nat counts in the errors.
     """
@@ -151,9 +150,8 @@ def along_flights(
 
 
 def scale_variance(problem: Problem) -> float:
-    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
-
-    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia. The rows
+    have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
     """
     effects = {effect.name: effect for effect in nuisance_effects()}
     flights = [record.flight for record in problem.records]
@@ -177,9 +175,8 @@ def per_coefficient(
     alpha: FloatArray,
     by: Callable[[Motion, FloatArray], Change],
 ) -> FloatArray:
-    """What `by` asks for per unit of each coefficient about angles of attack (samples,) rad (samples, columns).
-
-    Nothing of terms that look back in time and, at rest, of those that are not in the plane of alpha alone.
+    """What `by` asks for per unit of each coefficient about angles of attack (samples,) rad (samples, columns). Nothing
+    of terms that look back in time and, at rest, of those that are not in the plane of alpha alone.
     """
     less, more, unit, at_rest = by(motion, alpha)
     out = np.zeros((alpha.size, len(columns)))

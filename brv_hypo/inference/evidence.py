@@ -139,10 +139,9 @@ class Evidence(_Integrated):
 
     @property
     def share_of_terms(self) -> float:
-        """Of the squares that terms and processes make beside the baseline, those that terms make.
-
-        Terms as they are with knots and delays where they are. Squares that processes make of noise alone do not count:
-        its square for every degree of freedom that they take.
+        """Of the squares that terms and processes make beside the baseline, those that terms make. Terms as they are
+        with knots and delays where they are. Squares that processes make of noise alone do not count: its square for
+        every degree of freedom that they take.
         """
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
@@ -291,11 +290,10 @@ class Evidence(_Integrated):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """A linear function of what is fitted on a flight, its standard errors (points,), and how far what it is not
         made of is correlated with it (points, processes + coefficients): all coefficients of a process together
-        (multiple correlation), and each coefficient of the baseline and the terms.
-
-        `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
-        splines): of each process by its place, per spline coefficient in its units; `allowed` (points, tolerances): per
-        tolerance of what all flights share.
+        (multiple correlation), and each coefficient of the baseline and the terms. `values` (points, coefficients):
+        what it has per coefficient of the baseline and the terms; `splines` (points, splines): of each process by its
+        place, per spline coefficient in its units; `allowed` (points, tolerances): per tolerance of what all flights
+        share.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
         of_flight, made = self.processes[flight], self._values_of_border

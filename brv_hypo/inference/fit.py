@@ -51,7 +51,6 @@ class LeftOut:
 
     def scatter(self, rows: FloatArray) -> FloatArray:
         """Of linear functions (functions, k): their rms change over that which their growing errors allow, 1 at least.
-
         More than 1 is lack of fit: stretches of time differ in what they say. Variances so scaled are those of the
         jackknife (Efron and Stein, Ann. Statist. 9, 1981) where stretches count alike; what one stretch alone
         determines scatters no more than its prior allows.
@@ -175,12 +174,11 @@ class HypothesisFit:
 def fit_hypothesis(
     problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
 ) -> HypothesisFit:
-    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
-
-    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
-    best further term; the least extended BIC after refinement decides. Two changes that bracket one are joined where
-    that is likelier. A hypothesis keeps at least one term, unless the data determine none. Its search ends early where
-    it stays far behind `best_rival`, the least criterion of the others so far.
+    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis. The best subset of
+    each size on the grid of knots and delays is refined, and so is the best model so far with the best further term;
+    the least extended BIC after refinement decides. Two changes that bracket one are joined where that is likelier. A
+    hypothesis keeps at least one term, unless the data determine none. Its search ends early where it stays far behind
+    `best_rival`, the least criterion of the others so far.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
@@ -269,9 +267,8 @@ def refined_fit(
     parts: Sequence[float] = (1.0,),
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned, others
-    over `parts` of their bounds.
-
-    C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the fit's frame, if known.
+    over `parts` of their bounds. C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the
+    fit's frame, if known.
     """
     reduced = Reduced(problem, fit.frame) if reduced is None else reduced
     if follows_static_moment(fit.mechanisms):

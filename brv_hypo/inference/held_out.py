@@ -18,9 +18,8 @@ _RIDGE = 1e-10  # of the columns' unit length: keeps the normal equations of few
 
 
 def jackknife_error(left_out: FloatArray) -> float:
-    """Standard error of an estimate from those without each of some blocks (blocks,).
-
-    Efron and Stein, Ann. Statist. 9, 1981.
+    """Standard error of an estimate from those without each of some blocks (blocks,). Efron and Stein, Ann. Statist. 9,
+    1981.
     """
     return float(np.sqrt((left_out.size - 1) * np.var(left_out)))
 
@@ -43,7 +42,6 @@ def block_of_whitened_row(problem: Problem, count: int) -> IntArray:
 
 def held_out(problem: Problem, models: Sequence[tuple[RateFrame, Sequence[Regressor]]], count: int) -> list[float]:
     """Mean square error of the moment coefficients on each of `count` blocks a flight, predicted by the fit without it.
-
     One of each of the `models`, columns in their frame. The rows of a block are taken out of the normal equations of
     columns and nuisances; the walk of the attitude is independent of the rates' noise here, as rows may be left out
     only then. A block concerns its flight's own unknowns and what all flights share: the others' are eliminated once.

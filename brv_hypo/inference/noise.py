@@ -67,10 +67,8 @@ def estimated_noise(problem: Problem) -> Noise:
 
 
 def raised_noise(problem: Problem) -> Noise:
-    """The problem's noise, each channel's raised to what the baseline leaves in it.
-
-    What a model lacks is far more than noise; weighed as noise, it would drive the errors of the record far beyond
-    their tolerances to make up for it.
+    """The problem's noise, each channel's raised to what the baseline leaves in it. What a model lacks is far more than
+    noise; weighed as noise, it would drive the errors of the record far beyond their tolerances to make up for it.
     """
     least = problem.rows.noise
     for _ in range(NOISE_RAISED):

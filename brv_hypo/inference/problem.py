@@ -322,9 +322,8 @@ class Problem:
         return out
 
     def own_rows(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
-        """The rows of the raw design in which columns can be other than zero: the first ones.
-
-        Rates alone where all columns are moments; rates and force where some are given.
+        """The rows of the raw design in which columns can be other than zero: the first ones. Rates alone where all
+        columns are moments; rates and force where some are given.
         """
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         if not given:
@@ -385,9 +384,8 @@ class Problem:
         return self.rows.solved(residual)[2 * len(self.rows.part.levels) :]
 
     def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Histories:
-        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).
-
-        Several fits at once have a column each: values (columns, fits), histories (frame rows, fits).
+        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,). Several
+        fits at once have a column each: values (columns, fits), histories (frame rows, fits).
         """
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]

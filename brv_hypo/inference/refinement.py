@@ -117,9 +117,8 @@ def refine(
     steps: Steps = ROUGH,
     parts: Sequence[float] = (1.0,),
 ) -> Refined:
-    """Gauss-Newton over delays and knots of selected columns; a step that does not lower RSS is halved.
-
-    Parameters that move a column of `fresh` are scanned first, over these parts of their bounds in turn.
+    """Gauss-Newton over delays and knots of selected columns; a step that does not lower RSS is halved. Parameters that
+    move a column of `fresh` are scanned first, over these parts of their bounds in turn.
     """
     state = _scanned(reduced, nonlinear, columns, fresh, parts)
     for _ in range(steps.most if nonlinear else 0):
@@ -135,10 +134,9 @@ def refine(
 
 
 def nonlinear_parameters(columns: Sequence[Regressor], frame: RateFrame, knots: FloatArray) -> tuple[Nonlinear, ...]:
-    """The delays and knots of selected columns: knots may move by their spacing, delays within their bounds.
-
-    A knot stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it
-    is hardly another motion at the beginning.
+    """The delays and knots of selected columns: knots may move by their spacing, delays within their bounds. A knot
+    stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it is
+    hardly another motion at the beginning.
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
@@ -214,10 +212,9 @@ def _best_of(
 def prediction_slopes(
     nonlinear: Sequence[Nonlinear], columns: Sequence[Regressor], values: FloatArray, frame: RateFrame
 ) -> ComplexArray:
-    """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
-
-    By central differences over `REFINED_WIDTH` of its bounds to either side, all in one batch: where a knot lies at a
-    sample, the derivatives on its two sides differ, and their mean is wanted.
+    """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters). By central
+    differences over `REFINED_WIDTH` of its bounds to either side, all in one batch: where a knot lies at a sample, the
+    derivatives on its two sides differ, and their mean is wanted.
     """
     moved: list[Regressor] = []
     weights: list[tuple[int, float]] = []

@@ -379,7 +379,6 @@ def _closed(terms: Terms, fit: HypothesisFit) -> Terms:
 
 def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProcess] | None = None) -> Rows:
     """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis.
-
     `moments`: the processes of the moment, those installed where not given.
     """
     known = problem.frame.with_mechanisms(point.mechanisms)

@@ -166,12 +166,6 @@ class RandomWalkSmoother:
         self.step_variance = np.append(variance[0], variance)
         self.nose_start = start_from_nose(record)
 
-    def wandering(self, times: float) -> RandomWalkSmoother:
-        """The same problem with so many times the variance of the walk's steps."""
-        other = copy(self)
-        other.step_variance = times * self.step_variance
-        return other
-
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
     ) -> SmoothedMotion:
@@ -477,7 +471,9 @@ def _wander(problem: RandomWalkSmoother, fit: SmoothedMotion, sigma: FloatArray)
     measurement = replace(fit.measurements[0], sigma=np.where(used, sigma, np.inf))
     while _misfit(other.residual[used], sigma[used]) > WANDERS and times < WANDER_MOST:
         times *= WANDER_STEP
-        other = problem.wandering(times).solve((measurement,), other.near, MOTION_COMPARED)
+        wandering = copy(problem)
+        wandering.step_variance = times * problem.step_variance
+        other = wandering.solve((measurement,), other.near, MOTION_COMPARED)
     return rms((other.crossflow - fit.crossflow)[used]) / float(np.sqrt(2.0))
 
 
