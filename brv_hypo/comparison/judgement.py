@@ -65,6 +65,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
+RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 _AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
@@ -84,12 +85,12 @@ class Judged:
     evidences: tuple[Evidence, ...]
     weight: float
     """What a nat counts: the share of the likeliest mechanism in the squares that it and processes make of the record,
-    times that of its rows that are independent.
-
-    A likelihood that knows noise as white and processes as smooth alone is sharper than these are, and may describe
-    them by a mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017; Miller and Dunson, J. Am. Stat. Assoc.
-    114, 2019).
+    times that of its rows that are independent. A likelihood that knows noise as white and processes as smooth alone is
+    sharper than these are, and may describe them by a mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017;
+    Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
     """
+    elsewhere: Explained | None = None
+    """What the same leader explains about another motion that fits hardly worse, or better."""
 
     @property
     def leader(self) -> int:
@@ -101,6 +102,11 @@ class Judged:
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
         return self.evidences[self.leader].noise * self.rows.noise_ratio
+
+    @property
+    def lack_of_fit(self) -> float:
+        """The mean square of that beyond the noise's."""
+        return max(self.misfit**2 - 1.0, 0.0)
 
     @cached_property
     def squares(self) -> float:
@@ -124,7 +130,8 @@ def judged(
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
     Where another leads there, or its residual is more than noise, the record is linearised about that beside its
-    processes once more; that is kept where its residual is less, of another leader where not surely larger.
+    processes once more; that is kept where it halves the lack of fit, of another leader where that is not surely more.
+    A motion that hardly fits better makes up for what the model lacks; the leader may explain what it does there too.
     """
 
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
@@ -157,8 +164,11 @@ def judged(
     if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
         return first
     second = about(first.problem, leader, first.fits, _point_beside(first))
-    scatter = 0.0 if same else (2.0 * second.rows.size) ** -0.5
-    return second if second.misfit < first.misfit * (1.0 + scatter) else first
+    if not same:
+        return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
+    if second.lack_of_fit < RELINEARISED * first.lack_of_fit:
+        return second
+    return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == leader.name else first
 
 
 def _point_beside(found: Judged) -> LinearisationPoint:
@@ -277,7 +287,8 @@ def explained(judged: Judged) -> Explained:
     """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
 
     The rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and
-    Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
+    Stein, Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; with that about
+    another motion where the record has two.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
@@ -292,7 +303,9 @@ def explained(judged: Judged) -> Explained:
     share = share_of(np.ones(residual.size, dtype=bool))
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
     error = jackknife_error(without)
-    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
+    ends = [share - NORMAL_95 * error, share + NORMAL_95 * error]
+    ends += [] if judged.elsewhere is None else judged.elsewhere.interval_95
+    low, high = np.clip([min(ends), max(ends)], 0.0, 1.0).tolist()
     noise = min(noise, 1.0 - share)
     rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
     return Explained(share=share, interval_95=(low, high), **rest)
