@@ -81,11 +81,10 @@ def difference() -> NoiseModel:
 
 
 def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, fitted: FloatArray | None = None) -> NoiseModel:
-    """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
-
-    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
-    that `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (max_order + 1,) is what the fit
-    explains of white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
+    """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC. Real and imaginary parts
+    share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance that
+    `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (max_order + 1,) is what the fit explains of
+    white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
     top = int(min(max_order, max(1, total // NOISE_SAMPLES_PER_ORDER)))
@@ -107,11 +106,10 @@ def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, fitted: Fl
 
 
 def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> FloatArray:
-    """Autocovariance (lags + 1,) of one component of what lasts through the residuals, one (m,) array a segment.
-
-    From the median over short stretches of time of their spectra (Allen et al. 2012, FINDCHIRP, Appendix B), positive
-    and negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of
-    the motion and of one sense of turning, and is no noise.
+    """Autocovariance (lags + 1,) of one component of what lasts through the residuals, one (m,) array a segment. From
+    the median over short stretches of time of their spectra (Allen et al. 2012, FINDCHIRP, Appendix B), positive and
+    negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of the
+    motion and of one sense of turning, and is no noise.
     """
     lasting = _lasting_spectrum(residuals)
     found = np.fft.ifft(lasting).real / 2.0
@@ -120,7 +118,6 @@ def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> Floa
 
 def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float) -> ColouredNoise:
     """The noise of one component of what lasts through the residuals, of the colour that it has beyond the motion.
-
     `motion`, the motion's frequency, and `above`, from which there is noise alone, in rad a sample. What a fit leaves
     of the motion is in the spectrum too, so that there it is taken for that of a first-order autoregression (Whittle
     1953) whose colour is what all frequencies beyond the motion's show, as far as those `above` alone allow.
@@ -163,10 +160,9 @@ def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
 
 
 def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
-    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
-
-    `basis` (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white
-    noise has the covariance I - basis basis'.
+    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows. `basis`
+    (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white noise
+    has the covariance I - basis basis'.
     """
     out = np.zeros(max_order + 1)
     for part in (basis[:rows], basis[rows : 2 * rows]):
@@ -177,10 +173,9 @@ def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, m
 
 
 def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_LAG) -> float:
-    """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel.
-
-    n / (1 + 2 sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and
-    Hammersley 1946 with a cut-off); never more than n.
+    """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel. n / (1 + 2
+    sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and Hammersley 1946 with a
+    cut-off); never more than n.
     """
     n = sum(part.size for part in innovations)
     power = sum(float(part @ part) for part in innovations)
@@ -342,10 +337,9 @@ def whole(frame: RateFrame, valid: BoolArray) -> Part:
 
 def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part, Part]:
     """The part that is fitted, and of `blocks` even stretches of each flight every fourth, by which it is decided what
-    is added, and every eighth, midway between two of these, which takes no part in any choice.
-
-    The rates on both sides of a held-out stretch share a constant of integration: what the model says of
-    the moments between is felt, the samples between are not. Held-out stretches have a constant each.
+    is added, and every eighth, midway between two of these, which takes no part in any choice. The rates on both sides
+    of a held-out stretch share a constant of integration: what the model says of the moments between is felt, the
+    samples between are not. Held-out stretches have a constant each.
     """
     number = np.zeros(frame.observed.size, dtype=int)
     for flight in range(len(frame.reconstructions)):
@@ -360,9 +354,8 @@ def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part, 
 
 
 def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
-    """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out.
-
-    `shared`: one constant of integration for all stretches of a segment of the record.
+    """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out. `shared`: one
+    constant of integration for all stretches of a segment of the record.
     """
     rows: list[IntArray] = []
     pieces: list[Piece] = []

@@ -137,7 +137,6 @@ class WeakSegment:
 
     def own_times(self, spans: FloatArray) -> FloatArray:
         """The segment's own times (k,) of times that courses are told in (k,); before it that of its first sample.
-
         After it infinite: what begins there is nothing of it.
         """
         before, end = self.coefficient_time[-2:]
@@ -192,9 +191,8 @@ class WeakSegment:
 def weak_segments(
     flight: Flight, index: int, common_time: FloatArray | None = None, nodes: Quadrature | None = None
 ) -> tuple[WeakSegment, ...]:
-    """The usable segments of a flight, those of at least `SHORTEST` samples, with their derolled rates.
-
-    `common_time` (n,) s: see `WeakSegment`; `nodes`, those of its integrals, are its samples where not given.
+    """The usable segments of a flight, those of at least `SHORTEST` samples, with their derolled rates. `common_time`
+    (n,) s: see `WeakSegment`; `nodes`, those of its integrals, are its samples where not given.
     """
     derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
@@ -355,9 +353,8 @@ class RateFrame:
         )
 
     def with_in_plane_moment(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
-        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`.
-
-        Other shapes than these, of which it is made, are evaluated anew.
+        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`. Other shapes than these,
+        of which it is made, are evaluated anew.
         """
         moments = self.in_plane_moments(columns, values)
         if self.design:
@@ -415,9 +412,8 @@ class RateFrame:
 def build_frame(
     reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
 ) -> RateFrame:
-    """The frame of these flights; flights without a usable segment contribute nothing.
-
-    Raises UnanswerableError where a vehicle tumbles.
+    """The frame of these flights; flights without a usable segment contribute nothing. Raises UnanswerableError where a
+    vehicle tumbles.
     """
     for motion, weight in ((rec.motion, rec.flight.dynamic_pressure**2) for rec in reconstructions):
         beyond = motion.alpha > np.radians(limits.TUMBLING_ALPHA)
@@ -471,10 +467,9 @@ class ResidualMoments:
 
 
 def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates: ComplexArray) -> ResidualMoments:
-    """Moments from what a model leaves of the derolled rates, (rows,) rad/s, or several models (rows, models).
-
-    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no
-    corner of the one that the other keeps.
+    """Moments from what a model leaves of the derolled rates, (rows,) rad/s, or several models (rows, models). The
+    filter that differentiates the rates acts on measurement and model alike, so that it rounds no corner of the one
+    that the other keeps.
     """
     body = np.zeros(rates.shape, dtype=complex)
     usable = np.zeros(rates.shape[0], dtype=bool)

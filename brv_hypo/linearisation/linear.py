@@ -23,7 +23,6 @@ def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = _CUTO
 
 def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -> FloatArray:
     """Coefficients (..., columns) of normal equations, `products` (..., columns, columns), or a stack of them.
-
     `squares` (..., columns) are the squared lengths of the columns before anything was projected out of them: the
     rounding of the products is relative to these. Directions that are rounding drop out.
     """
@@ -50,12 +49,11 @@ def covariance_of(design: FloatArray, residual: FloatArray, samples: int, effici
 
 
 def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns (rows, rank) that span those of `design`, and what makes them of these (columns, rank).
-
-    Long directions of unit columns from products of the columns, and once more from those of what is found, which
-    leaves rounding alone (Yamamoto et al., ETNA 44:306, 2015: Cholesky QR twice). Short ones, few, from what the long
-    ones leave of them: products hold no digit of a direction that is 1e-8 of the longest. Directions that are rounding
-    drop out.
+    """Orthonormal columns (rows, rank) that span those of `design`, and what makes them of these (columns, rank). Long
+    directions of unit columns from products of the columns, and once more from those of what is found, which leaves
+    rounding alone (Yamamoto et al., ETNA 44:306, 2015: Cholesky QR twice). Short ones, few, from what the long ones
+    leave of them: products hold no digit of a direction that is 1e-8 of the longest. Directions that are rounding drop
+    out.
     """
     if not design.shape[1]:
         return design, np.zeros((0, 0))

@@ -44,20 +44,17 @@ class MomentModel:
     motion: Motion
 
     def usual(self, kept: FloatArray) -> ComplexArray:
-        """C_m + i C_n at the nodes (m, records).
-
-        All but the baseline keeps the pressure and inertia of the linearisation point, which are `kept` (m, records) of
-        a record's: its coefficients make up for both. A hypothesis without what is tested would take an error of either
-        for a share of it, and a trim of many tolerances would make such an error likely, which a fraction of the static
-        moment followed.
+        """C_m + i C_n at the nodes (m, records). All but the baseline keeps the pressure and inertia of the
+        linearisation point, which are `kept` (m, records) of a record's: its coefficients make up for both. A
+        hypothesis without what is tested would take an error of either for a share of it, and a trim of many tolerances
+        would make such an error likely, which a fraction of the static moment followed.
         """
         baseline, others = self._now
         return baseline[:, np.newaxis] + others[:, np.newaxis] * kept
 
     def changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
-        """How much more the moments (m, records) of some records are than those of others, to first order.
-
-        `kept` (m, records): how much more they keep (see `usual`).
+        """How much more the moments (m, records) of some records are than those of others, to first order. `kept` (m,
+        records): how much more they keep (see `usual`).
         """
         out = np.asarray(self._now[1][:, np.newaxis] * kept, dtype=complex)
         differences = self._differences(more, less)

@@ -170,11 +170,10 @@ def nuisances(
     free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
     corrections: Sequence[Errors] | None = None,
 ) -> Nuisances:
-    """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
-
-    `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
-    has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
-    before. What has no influence on a flight is left out.
+    """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow. `vehicle` are
+    mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that has no prior
+    there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record before. What
+    has no influence on a flight is left out.
     """
     before, frame = corrections or tuple({} for _ in flights), frame.with_mechanisms(vehicle)
     items: list[Nuisance] = []

@@ -43,10 +43,8 @@ WALK_LEFT_OUT = 0.8  # standard deviations of alpha, of what the sines may leave
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
-    """How many sines stand for the random walk.
-
-    What they leave of it is less than alpha's own uncertainty, and faster than what the motion answers to. The variance
-    beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    """How many sines stand for the random walk. What they leave of it is less than alpha's own uncertainty, and faster
+    than what the motion answers to. The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
     wanted = 2.0 / np.pi**2 * (size / (WALK_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
@@ -126,10 +124,9 @@ class PropagatedMotion:
 def linearisation_point(
     reconstruction: Reconstruction, config: ReconstructionConfig, motion: PropagatedMotion | None = None
 ) -> tuple[InertialRecord, Reconstruction]:
-    """The flight with what was found of its errors taken out, and the motion to linearise about.
-
-    `motion` is that of a fit whose errors are out of the flight already: nothing more is taken out then. A new one from
-    the forces alone would lie as far off as they leave it, and the next fit as far from linear as the last.
+    """The flight with what was found of its errors taken out, and the motion to linearise about. `motion` is that of a
+    fit whose errors are out of the flight already: nothing more is taken out then. A new one from the forces alone
+    would lie as far off as they leave it, and the next fit as far from linear as the last.
     """
     if motion is not None:  # the flight is taken as it reads, under this gravity
         none_found = tuple(replace(each, value=0.0) for each in reconstruction.effects)
@@ -286,7 +283,6 @@ class LinearisedFlight:
 
     def random_walk(self) -> Iterator[MotionUnknown]:
         """What the gyros' white noise makes of the attitude: sines of a random walk across the velocity, of prior 1.
-
         The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
         """
         walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))

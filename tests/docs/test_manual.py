@@ -149,7 +149,8 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
         printed.append(done.stdout)
     inspected, compared, traced = printed
     assert "samples a cycle" in inspected
-    assert "Verdict: undecided; inplane describes the moments" in compared
+    assert "Verdict: undecided" in compared
+    assert "The data do not distinguish these: inplane" in compared
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert (tmp_path / "compare.html").stat().st_size < 1_500_000
     assert json.loads((tmp_path / "model.json").read_text())["steps"]
@@ -164,7 +165,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
             "opportunity",
             "opportunity",
             "opportunity_entry.map.yaml",
-            (0, ["Verdict: undecided; inplane describes the moments"]),
+            (0, ["Verdict: undecided", "The data do not distinguish these: inplane"]),
         ),
         ("rocket", "launch12", "imu.map.yaml", (1, ["Degraded", "record fault"])),
     ],
