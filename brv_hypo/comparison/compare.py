@@ -226,7 +226,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
-    how = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
+    significant = share.interval_95[0] > 0.0 and share.share > share.processes
+    how = Fit(beside.misfit, beside.rows.size, squares, significant)
     verdict = judge(listed, instead, how, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
     if verdict.outcome == "none adequate":

@@ -501,11 +501,11 @@ class Comparison(HasCharts, Result):
         size += self._how_large(leader.mechanism)
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
-            return f"It acts from Mach {machs}, on each flight at its own times.{size}"
+            return f"{best} acts from Mach {machs}, on each flight at its own times.{size}"
         if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
-            return f"It acts throughout the record.{size}"
+            return f"{best} acts throughout the record.{size}"
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
-        return f"It acts from {times(*ends)}{known}.{size}"
+        return f"{best} acts from {times(*ends)}{known}.{size}"
 
     def _how_large(self, leader: str) -> str:
         """The rms moment of the leader over that of the record, in a sentence; empty where it is not known."""

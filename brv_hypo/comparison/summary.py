@@ -110,7 +110,7 @@ def motion_summary(reconstructions: Sequence[Reconstruction]) -> ReconstructionS
         method=reconstructions[0].method,
         alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
         phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
-        warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
+        warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings if w not in r.own_warnings)),
     )
 
 

@@ -55,7 +55,7 @@ class Candidate:
 @dataclass(frozen=True)
 class Fit:
     """How the leader fits: `noise`, the rms residual over the noise measured in the record, of so many `rows`; squares
-    that it `explains` of the residual of the baseline, and whether the interval of their share excludes none.
+    that it `explains` of the residual of the baseline, and whether that is surely some, and more than processes do.
     """
 
     noise: float
@@ -286,7 +286,7 @@ def without_power(verdict: Verdict) -> Verdict:
     far = [each.mechanism for each in verdict.limits if not each.share_of_moment_95 < 1.0]
     if verdict.winner != NONE or not far or 2 * len(far) < len(verdict.limits):
         return verdict
-    said = f"{verdict.reason} But {', '.join(far)} may each have the whole moment: the record excludes too little."
+    said = f"{verdict.reason} But {', '.join(far)} may have the whole moment: the record excludes too little."
     return _described(verdict, None, said)
 
 
@@ -324,9 +324,9 @@ def with_gaps(verdict: Verdict, leader: str, acts: Interval, gaps: Sequence[Inte
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
     if not predicts:
         return (
-            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains nothing "
-            "significant that baseline and processes do not, or predicts stretches of the record from the others no "
-            "better than these."
+            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains less than "
+            "processes do, or nothing significant, or predicts stretches of the record from the others no better than "
+            "baseline and processes."
         )
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     best = max(outside, key=lambda candidate: candidate.level, default=None)

@@ -128,20 +128,12 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
 
 
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Iterator[str]:
-    """Warnings, the most important first."""
-    flight, measured = record.flight, record.measured
+    """Warnings of the record, the most important first."""
+    flight = record.flight
     if not wind.converged:
         yield (
             "the search for the motion did not converge: alpha may be farther off than its sigma says. Give a window "
             "in which it is smaller (--start, --stop), or the tolerances that the instruments have (--instruments)"
-        )
-    sizes, effects = np.abs(wind.effects.value), wind.effects.responses.effects
-    if effects and np.max(sizes) >= limits.FAR_TOLERANCES:
-        worst = effects[int(np.argmax(sizes))]
-        yield (
-            f"this motion takes {worst.effect} {worst.component} at {np.max(sizes):.2g} times its tolerance: where "
-            "that tolerance is right, alpha is wrong. State a wider one (--instruments), or take another window "
-            "(--start, --stop)"
         )
     if lost := gaps_of(flight):
         first, last = lost[0]
@@ -150,13 +142,26 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
             f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the attitude across it is unknown, and its "
             "error may appear as errors or moments. Give a window on one side of it (--start, --stop)"
         )
+    yield from _moment_noise(record, moments)
+    yield from _samples_per_cycle(record)
+
+
+def _own_limits(record: InertialRecord, wind: WindHistory) -> Iterator[str]:
+    """Warnings of the errors of this very motion: an analysis that goes on from it has its own."""
+    measured = record.measured
+    sizes, effects = np.abs(wind.effects.value), wind.effects.responses.effects
+    if effects and np.max(sizes) >= limits.FAR_TOLERANCES:
+        worst = effects[int(np.argmax(sizes))]
+        yield (
+            f"this motion takes {worst.effect} {worst.component} at {np.max(sizes):.2g} times its tolerance: where "
+            "that tolerance is right, alpha is wrong. State a wider one (--instruments), or take another window "
+            "(--start, --stop)"
+        )
     alpha = angle_of_attack(wind.crossflow)[measured]
     share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)
     if share >= limits.WARNED_ALPHA:
         known = f"known to {100.0 * share:.0f} % of its rms only" if share < 10.0 else "not known"
         yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, would do better"
-    yield from _moment_noise(record, moments)
-    yield from _samples_per_cycle(record)
 
 
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:
@@ -225,7 +230,8 @@ def reconstruct(
     record = inertial_record(flight, config)
     wind: WindHistory = methods()[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
-    warnings = (*wind.warnings, *limits_of(record, wind, moments))
+    own = tuple(_own_limits(record, wind))
+    warnings = (*wind.warnings, *own, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))
     clock = float(flight.instruments.time_skew[0]) if perturbations else 0.0
     fit = wind.effects
@@ -251,6 +257,7 @@ def reconstruct(
         corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
+        own_warnings=own,
         converged=wind.converged,
     )
 

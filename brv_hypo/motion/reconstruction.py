@@ -124,6 +124,7 @@ class Reconstruction(HasCharts, Histories):
     # what smoothing left of the noise of inputs, where `flight` holds them smoothed
     input_errors: tuple[InputError, ...] = ()
     normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
+    own_warnings: tuple[str, ...] = ()  # those of the errors of this motion, of which an analysis has its own
     converged: bool = True  # whether the search for the motion ended; else the errors are no bound
 
     @property

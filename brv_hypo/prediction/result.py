@@ -190,10 +190,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
-            f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
-            "zero, and those of the vehicle as on the flights that the model was found on; "
-            f"`--refit {remedy}` lets this flight have its own"
-            + (f", for an error of about {freed:.2g}." if much and not contradicts else ".")
+            f" Over the whole record its error is {left:.3g} of the mean square. Errors of record and vehicle (trim "
+            f"among them) were assumed zero; `--refit {remedy}` lets this flight have its own"
+            + (f", for an error of about {max(freed, 1e-6):.2g}." if much and not contradicts else ".")
         )
     if found.flown == 0.0:
         return _NOWHERE + helps

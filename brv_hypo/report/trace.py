@@ -46,7 +46,7 @@ CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all
 _STOPPED = {
     "white": "The residual is noise.",
     "nothing significant": "No effect explains more.",
-    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
+    "nothing improves held-out error": "No effect that was tried lowers the held-out error, or more than processes do.",
     "limit": "",
 }
 """Why the loop stopped, where that says something of the flight."""

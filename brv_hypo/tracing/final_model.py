@@ -152,7 +152,7 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
 
 def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
     """What in the data could pose as an effect."""
-    found = list(reconstruction.warnings)
+    found = [each for each in reconstruction.warnings if each not in reconstruction.own_warnings]
     share = flight.ax / flight.dynamic_pressure
     drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
     slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])

@@ -258,8 +258,9 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
     if not named:
         assert (verdict.outcome, verdict.equivalent) == ("undecided", ("lag", NONE))
         assert verdict.reason == (
-            "The data do not name one hypothesis: lag has the largest evidence, but explains nothing significant that "
-            "baseline and processes do not, or predicts stretches of the record from the others no better than these."
+            "The data do not name one hypothesis: lag has the largest evidence, but explains less than processes do, "
+            "or nothing significant, or predicts stretches of the record from the others no better than baseline and "
+            "processes."
         )
 
 

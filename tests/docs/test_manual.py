@@ -150,7 +150,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     inspected, compared, traced = printed
     assert "samples a cycle" in inspected
     assert "Verdict: undecided" in compared
-    assert "The data do not distinguish these: inplane" in compared
+    assert "inplane has the largest evidence" in " ".join(compared.replace("│", " ").split())
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert (tmp_path / "compare.html").stat().st_size < 1_500_000
     assert json.loads((tmp_path / "model.json").read_text())["steps"]
@@ -165,7 +165,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
             "opportunity",
             "opportunity",
             "opportunity_entry.map.yaml",
-            (0, ["Verdict: undecided", "The data do not distinguish these: inplane"]),
+            (0, ["Verdict: undecided", "inplane has the largest evidence"]),
         ),
         ("rocket", "launch12", "imu.map.yaml", (1, ["Degraded", "record fault"])),
     ],
