@@ -56,7 +56,8 @@ def equal_values(one: Any, other: Any) -> bool:
     if is_dataclass(one):
         return all(equal_values(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
     if hasattr(one, "__dict__") and not (isroutine(one) or isclass(one)):
-        return equal_values(vars(one), vars(other))  # settings and splines, whose own definitions stop at arrays
+        # Settings and splines, whose own definitions stop at arrays; a function of both is the same.
+        return equal_values(*({k: v for k, v in vars(each).items() if not callable(v)} for each in (one, other)))
     return bool(one == other)
 
 

@@ -130,8 +130,8 @@ def judged(
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
     Where another leads there, or its residual is more than noise, the record is linearised about that beside its
-    processes once more; that is kept where it halves the lack of fit, of another leader where that is not surely more.
-    A motion that hardly fits better makes up for what the model lacks; the leader may explain what it does there too.
+    processes once more; that is kept where it leaves half the lack of fit or hardly any, or of another leader not more:
+    a motion that hardly fits better makes up for what the model lacks, and the leader may explain what it does there.
     """
 
     def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
@@ -166,7 +166,7 @@ def judged(
     second = about(first.problem, leader, first.fits, _point_beside(first))
     if not same:
         return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
-    if second.lack_of_fit < RELINEARISED * first.lack_of_fit:
+    if second.misfit < first.misfit and second.lack_of_fit < max(RELINEARISED * first.lack_of_fit, 1.0):
         return second
     return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == leader.name else first
 

@@ -206,7 +206,7 @@ def test_that_nothing_acts_is_not_said_where_most_may_be_the_whole_moment(
     verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0)).model_copy(update={"limits": tuple(limits)})
     found = without_power(verdict)
     assert found.outcome == outcome
-    assert (found.winner is None) == ("m1, m2 may each" in found.reason) == (outcome == "undecided")
+    assert (found.winner is None) == ("m1, m2 may have" in found.reason) == (outcome == "undecided")
 
 
 def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:
