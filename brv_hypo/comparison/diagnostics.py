@@ -69,10 +69,8 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
 
 
 def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Reconstruction, ...]:
-    """The motion of each flight that the leader is linear about, its standard deviations with what the record shows.
-
-    Those of the `first` reconstructions are by stated errors alone. A model that lacks something moves the motion as it
-    makes up for that: the rms of this counts as one more error, in every direction alike.
+    """The motion of each flight that the leader is linear about. A model that lacks something moves it from that of the
+    `first` reconstructions as it makes up for that: the rms counts as one more error, in every direction alike.
     """
     found = []
     for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):

@@ -130,7 +130,7 @@ def brv_hypo_mechanisms():
 
 
 @pytest.mark.thorough
-def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, tmp_path):
+def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, simulated_file, tmp_path):
     """Criteria hardly change where its tolerance is next to nothing; with a large one they do.
 
     One unknown more moves the noise that the search is under, and with it where knots come to lie: of evidences beside
@@ -140,7 +140,7 @@ def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, 
     found = []
     for size in (1e-12, 1e-2):
         path.write_text(TILT.format(size=size))
-        found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path, names="sticking")))
-    own = information(compared(brv_hypo, tmp_path, drifted, names="sticking"))
+        found.append(information(compared(brv_hypo, tmp_path, simulated_file, "--plugin", path, names="sticking")))
+    own = information(compared(brv_hypo, tmp_path, simulated_file, names="sticking"))
     negligible, large = (max(abs(bic - own[name][0]) for name, (bic, _) in each.items()) for each in found)
     assert large > 5.0 * negligible
