@@ -25,4 +25,4 @@ def test_noise_is_told_of_the_moments_that_the_gyros_show() -> None:
     size = np.sqrt(np.mean(np.abs(record.moment[moments.usable]) ** 2) / 2.0)
     noise = np.sqrt(np.mean(moments.noise_sigma[moments.usable] ** 2))
     assert 0.2 * noise / size < share / 100.0 + 0.005 < 5.0 * noise / size + 0.01
-    assert "leave 0.01 % of these moments" in told
+    assert "0.01 % of these moments remain" in told

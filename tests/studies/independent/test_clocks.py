@@ -40,4 +40,8 @@ def test_angles_hold_what_the_gyros_clock_may_be_late(seed: int) -> None:
     for name, sigma in (("alpha", found.alpha_sigma), ("windward_meridian", found.phi_w_sigma)):
         assert np.sqrt(np.mean(missed[name] ** 2)) < 2.0 * np.sqrt(np.mean(sigma**2)), name
     by_clock = found.motion.alpha_rate * made.flight.instruments.time_skew[0]
-    np.testing.assert_allclose(found.alpha_sigma, np.hypot(found.alpha_sigma_on_clock, by_clock), rtol=1e-12)
+    # Besides, the velocity may wander: a constant of the crossflow.
+    rest = found.alpha_sigma**2 - found.alpha_sigma_on_clock**2 - by_clock**2
+    wander = rest * np.cos(found.motion.alpha) ** 2
+    np.testing.assert_allclose(wander, np.mean(wander), rtol=1e-6, atol=1e-12 * np.mean(found.alpha_sigma**2))
+    assert np.mean(wander) >= -1e-12 * np.mean(found.alpha_sigma**2)

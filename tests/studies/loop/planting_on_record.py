@@ -165,8 +165,8 @@ _HISTORIES = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 
 def _own_moments(state: Fit, motion: Motion) -> tuple[list[FloatArray], FloatArray]:
     """Of the model: the static moment's parts without alpha, with alpha and with its cube, and damping (n,) each."""
-    found = state.coefficients
-    columns: dict[Regressor, float] = dict(zip(found.columns, found.values.tolist(), strict=True))
+    own_columns, values, _ = state.coefficients
+    columns: dict[Regressor, float] = dict(zip(own_columns, values.tolist(), strict=True))
     static, damping = [np.zeros(motion.time.size) for _ in range(3)], np.zeros(motion.time.size)
     alpha = np.maximum(motion.alpha, _LEAST_ANGLE)
     for column, value in columns.items():
