@@ -54,7 +54,7 @@ def test_a_motion_of_large_angles_is_found() -> None:
     assert np.degrees(np.max(found.motion.alpha)) > 30.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> None:
     """Weak forces and gravity that hardly shows: whole steps overshoot on this record, and found other motions."""
     flight = bring_in(shared_file("data/jackpot4/log.csv"), shared_file("data/jackpot4/map.yaml")).flight
@@ -76,7 +76,7 @@ def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(v
     assert along == pytest.approx(fall, abs=0.1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [990.0, 1010.0])
 def test_errors_of_a_measured_entry_leave_its_gravity(start: float) -> None:
     """What the model lacks made gravity of 1.3 g there, and alpha of 22 deg at the end of the record."""
