@@ -56,8 +56,9 @@ def equal_values(one: Any, other: Any) -> bool:
     if is_dataclass(one):
         return all(equal_values(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
     if hasattr(one, "__dict__") and not (isroutine(one) or isclass(one)):
-        # Settings and splines, whose own definitions stop at arrays; a function of both is the same.
-        return equal_values(*({k: v for k, v in vars(each).items() if not callable(v)} for each in (one, other)))
+        # Settings and splines, whose own definitions stop at arrays; what states how it is pickled, as that has it.
+        state = (lambda each: each.__reduce__()) if "__reduce__" in vars(type(one)) else vars
+        return equal_values(state(one), state(other))
     return bool(one == other)
 
 

@@ -84,9 +84,9 @@ def walk_name(axis: str, number: int) -> str:
     return f"walk {axis} {number}"
 
 
-def gravity_axes(record: InertialRecord, start: WindStart) -> tuple[FloatArray, FloatArray]:
+def gravity_axes(nominal: NominalMotion) -> tuple[FloatArray, FloatArray]:
     """Mean (3,) of what is known of gravity, and independent errors of it, 1-sigma each (3, 3), in columns."""
-    mean, information = gravity_known(NominalMotion(record, start))
+    mean, information = gravity_known(nominal)
     sizes, axes = np.linalg.eigh(information)
     return mean, axes / np.sqrt(sizes)
 
@@ -108,11 +108,11 @@ class PropagatedMotion:
     def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
         """The motion without what a fit about it found too much, by (MOTION, name)."""
         across = complex(*(found.get((MOTION, name), 0.0) for name in START))
-        pull = gravity_axes(record, self.start)[1] @ [found.get((MOTION, name), 0.0) for name in GRAVITY_ERRORS]
+        errors = gravity_axes(NominalMotion(record, self.start))[1]
         count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
         weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
         return PropagatedMotion(
-            self.start.moved(-across, -pull),
+            self.start.moved(-across, -errors @ [found.get((MOTION, name), 0.0) for name in GRAVITY_ERRORS]),
             self.walk - walk_sines(record, count)[0] @ np.array(weights, dtype=complex),
         )
 
@@ -272,8 +272,7 @@ class LinearisedFlight:
 
     def start_and_gravity(self) -> Iterator[MotionUnknown]:
         """Direction of the velocity at the start (two, no prior) and gravity (three, as it is known)."""
-        start = self.reconstruction.start
-        mean, errors = gravity_axes(self.record, start)
+        start, (mean, errors) = self.reconstruction.start, gravity_axes(self._nominal)
         by_start = self._nominal.by_start(lambda moved: moved.with_offset(self._walk))
         found = self._by_crossflow(np.column_stack([RESPONSE_TURN * by_start[:, :2], by_start[:, 2:] @ errors]).T)
         for name in START:

@@ -18,7 +18,7 @@ from brv_hypo.linearisation.response import (
     walk_sines,
 )
 from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.inertial import WindStart, transverse_axes
+from brv_hypo.motion.inertial import NominalMotion, WindStart, transverse_axes
 from tests.flights import nominal
 
 USUAL = ReconstructionConfig()
@@ -57,7 +57,7 @@ def test_an_error_of_the_start_is_taken_from_it(point, name, size):
         wrong = replace(true, start=WindStart(direction + size * across, gravity))
     else:  # the axes are those of the motion that is linearised about, which is the wrong one
         wrong = replace(true, start=WindStart(direction, gravity + np.array([0.5, -0.2, 0.1])))
-        change = size * gravity_axes(record, wrong.start)[1][:, GRAVITY_ERRORS.index(name)]
+        change = size * gravity_axes(NominalMotion(record, wrong.start))[1][:, GRAVITY_ERRORS.index(name)]
         true = replace(true, start=WindStart(direction, wrong.start.gravity - change))
     found = wrong.less(record, {(MOTION, name): size})
     np.testing.assert_allclose(found.start.direction, true.start.direction, atol=size**2)

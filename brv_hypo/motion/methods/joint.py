@@ -328,7 +328,7 @@ class RandomWalkSmoother:
 
     def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and information (k, k) of the globals, about a point."""
-        mean, known = np.zeros(self._globals(point).size), np.zeros(self._globals(point).size)
+        mean, known = np.zeros((2, self._globals(point).size))
         known[START_PARTS : self.shared] = 1.0
         at = self.shared
         for measurement, values in zip(measurements, point.coefficients, strict=True):
