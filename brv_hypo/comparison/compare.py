@@ -185,8 +185,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         total=finished - begun,
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
-    motions = motions_beside(beside, reconstructions)
-    known = {"reconstruction": motion_summary(motions), **diagnostics(beside, comparison, motions)}
+    motions, moved = motions_beside(problem.frame.reconstructions, reconstructions)
+    known = {"reconstruction": motion_summary(motions, moved), **diagnostics(beside, comparison, motions)}
     verdict = without_power(with_far_error(comparison.verdict, known["record_errors"]))
     leader = comparison.ranking[0]
     if acts := leader.acting:
@@ -199,7 +199,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     if len(flights) > 1 and verdict.outcome != "named":
         verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {ALONE}"})
     known["verdict"] = verdict
-    if beyond := beyond_text(known["record_errors"], verdict.outcome):
+    if beyond := beyond_text(known["record_errors"], leading.name, verdict.outcome):
         warnings = (*warnings, beyond)
     elif instead := far_beside_small(beside, verdict.processes):
         warnings = (*warnings, instead)

@@ -40,7 +40,7 @@ _TIMES = 100  # at which histories of processes are evaluated: three for each sp
 
 
 def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
-    """Fields of a comparison, of its leader above all; `motions` of all flights as `motions_beside` has them."""
+    """Fields of a comparison, of its leader above all; `motions` of all flights."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
@@ -68,17 +68,20 @@ def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Recons
     }
 
 
-def motions_beside(judged: Judged, first: Sequence[Reconstruction]) -> tuple[Reconstruction, ...]:
-    """The motion of each flight that the leader is linear about. A model that lacks something moves it from that of the
-    `first` reconstructions as it makes up for that: the rms counts as one more error, in every direction alike.
+def motions_beside(
+    motions: Sequence[Reconstruction], first: Sequence[Reconstruction]
+) -> tuple[tuple[Reconstruction, ...], tuple[float, ...]]:
+    """The motion of each flight that a model is linear about, and how far (rad) it is from the `first`, of instruments
+    alone. A model that lacks something moves it as it makes up for that: one more error, in every direction alike.
     """
-    found = []
-    for motion, before in zip(judged.problem.frame.reconstructions, first, strict=True):
+    found, moved = [], []
+    for motion, before in zip(motions, first, strict=True):
         off = rms((motion.crossflow - before.crossflow)[motion.flight.measured()]) / np.sqrt(2.0)
         turned = np.hypot(motion.phi_w_sigma, off / np.maximum(motion.motion.alpha, 1e-12))
         sigmas = {"alpha_sigma": np.hypot(motion.alpha_sigma, off), "phi_w_sigma": np.minimum(turned, UNKNOWN_ANGLE)}
         found.append(replace(motion, **sigmas))
-    return tuple(found)
+        moved.append(float(off))
+    return tuple(found), tuple(moved)
 
 
 def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evidence) -> Identification:
@@ -235,9 +238,8 @@ def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str,
 
 
 def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
-    """The best subsets, on the grid of knots and delays, of the likeliest hypothesis that has a mechanism.
-
-    `none`: criteria of the baseline alone, by which C_p has its variance.
+    """The best subsets, on the grid of knots and delays, of the likeliest hypothesis that has a mechanism. `none`:
+    criteria of the baseline alone, by which C_p has its variance.
     """
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
@@ -255,12 +257,14 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
 
 class _AsJudged(NamedTuple):
     """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m
-    + i C_n (frame rows,), that, what its mechanisms make, and what it does not explain without processes.
+    + i C_n (frame rows,), that, what its mechanisms make, without and with processes, and what it does not explain
+    without processes.
     """
 
     rest: Histories
     residual: ComplexArray
     mechanisms: ComplexArray
+    with_processes: ComplexArray
     bare: ComplexArray
 
 
@@ -271,8 +275,9 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
     frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
     rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
+    beside = frame.columns(columns[len(fit.columns) :]) @ values[len(fit.columns) :]
     without = judged.problem.left(fit.frame, fit.columns, *judged.problem.solution(fit.frame, fit.columns))
-    rates = np.stack([rest.rates, made, without.rates], axis=1)
+    rates = np.stack([rest.rates, made, made + beside, without.rates], axis=1)
     return _AsJudged(rest, *residual_moments(frame, problem.records, rates).body.T)
 
 
@@ -286,7 +291,8 @@ def _series(
     bodies = [observed.body, *(observed.body - each.bare for each in found.values())]
     bodies += [each.residual for each in found.values()]
     if best is not None:
-        bodies += [found[best].residual + found[best].mechanisms, found[best].mechanisms]
+        own_moments = found[best].mechanisms
+        bodies += [found[best].residual + own_moments, own_moments, found[best].with_processes]
     samples, chosen = [], []
     channels: list[FloatArray] = []  # a segment each: every channel as measured and as modelled
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
@@ -310,7 +316,7 @@ def _series(
         sigma=tuple(observed.noise[rows].tolist()),
         fitted=dict(zip(found, moments[1:], strict=False)),
         residuals=dict(zip(found, moments[count:], strict=False)),
-        alone=() if best is None else tuple(moments[-2:]),
+        alone=() if best is None else tuple(moments[-3:]),
         channels=dict(zip(_CHANNELS, zip(drawn[::2], drawn[1::2], strict=True), strict=True)),
         whitened=whitened(own, flight),
         histories=_histories(own, flight),

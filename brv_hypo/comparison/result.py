@@ -50,10 +50,9 @@ class DerivedEstimate(NullIsNaN):
 
 
 class Knot(NullIsNaN):
-    """A time at which a coefficient of several flights begins, changes or ends.
-
-    `time_s` is told in the time of the reference flight; `flights_s` are all flights' own times at the same `mach`
-    number, None for a flight that does not come by it.
+    """A time at which a coefficient of several flights begins, changes or ends. `time_s` is told in the time of the
+    reference flight; `flights_s` are all flights' own times at the same `mach` number, None for a flight that does not
+    come by it.
     """
 
     time_s: float
@@ -63,7 +62,6 @@ class Knot(NullIsNaN):
 
 class MaximumLikelihood(NullIsNaN):
     """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors.
-
     `knots`: as those of `RankedHypothesis`.
     """
 
@@ -86,9 +84,8 @@ class MaximumLikelihood(NullIsNaN):
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s, of the reference flight).
-
-    `collinear_groups`: names of values that are nearly collinear with each other.
+    """The net values of a hypothesis between two of its knots (s, of the reference flight). `collinear_groups`: names
+    of values that are nearly collinear with each other.
     """
 
     start_s: float
@@ -163,11 +160,14 @@ class FlightSummary(NullIsNaN):
 
 
 class ReconstructionSummary(NullIsNaN):
-    """How well the motion is known."""
+    """How well the motion is known that a model is linear about. `moved_rad`: how far it is from that of the
+    instruments alone, 1 sigma in any direction (rms), which the standard deviations include.
+    """
 
     method: str
     alpha_rms_sigma_rad: float | None
     phi_w_rms_sigma_rad: float | None
+    moved_rad: float = 0.0
     warnings: tuple[str, ...] = ()
 
 
@@ -192,7 +192,6 @@ class Adequacy(NullIsNaN):
 
 class Explained(NullIsNaN):
     """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
-
     `share` + `unexplained` is 1: what the leader does not explain is due to `processes` and `noise`. `interval_95` of
     the share.
     """
@@ -257,9 +256,8 @@ class MechanismLimit(NullIsNaN):
 
 
 class RecordError(NullIsNaN):
-    """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`.
-
-    `std_error`: beside a model that is known. The `name` has the flight's number where there are several.
+    """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`. `std_error`: beside a model
+    that is known. The `name` has the flight's number where there are several.
     """
 
     name: str
@@ -284,13 +282,14 @@ def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
     return [each for each in errors if abs(each.tolerances) > beyond_level(len(errors))]
 
 
-def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
-    """The largest of those in a sentence, and what they may be where none is adequate; empty where there are none."""
+def beyond_text(errors: Sequence[RecordError], model: str, outcome: str = "") -> str:
+    """The largest of those beside a `model` in a sentence, and what they may be where none is adequate; else empty."""
     beyond = beyond_tolerances(errors)
     poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
     said = [f"{each.name} {each.stated} ({abs(each.tolerances):.1f} times)" for each in beyond[:BEYOND_NAMED]]
     listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
-    return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
+    fitted = f"Beside {hypothesis(model)} and processes, errors are beyond their tolerances (--instruments){poses}"
+    return f"{fitted}: {listed}." if beyond else ""
 
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
@@ -313,9 +312,8 @@ Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` has all that may be right.
-
-    `described`: of an undecided outcome, the mechanism that is as probable as a name, and is no established cause.
+    """`winner` is None unless the `outcome` is "named"; `equivalent` has all that may be right. `described`: of an
+    undecided outcome, the mechanism that is as probable as a name, and is no established cause.
     """
 
     winner: str | None
@@ -360,10 +358,9 @@ class MotionHistories(NullIsNaN):
 
 
 class Series(MotionHistories):
-    """What was measured and fitted, of one flight; moments are (C_N', C_Z') over `time_s`.
-
-    `fitted[mechanism]` includes the errors of record and vehicle beside the mechanism, but no process; it and
-    `measured` are NaN at the ends, where rates cannot be differentiated.
+    """What was measured and fitted, of one flight; moments are (C_N', C_Z') over `time_s`. `fitted[mechanism]` includes
+    the errors of record and vehicle beside the mechanism, but no process; it and `measured` are NaN at the ends, where
+    rates cannot be differentiated.
     """
 
     measured: Moments
@@ -377,8 +374,8 @@ class Series(MotionHistories):
     that is estimated.
     """
     alone: tuple[Moments, ...] = ()
-    """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; and what
-    it makes. Empty where none was compared.
+    """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; what it
+    makes; and that with the moments of processes. Empty where none was compared.
     """
     histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
     """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
@@ -463,12 +460,13 @@ class Comparison(HasCharts, Result):
             rest = f"processes {percent(found.processes)} %, {noise} {percent(found.noise)} %"
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if fits is not None:
-            within = f"The leader's residual is {fits.ratio:.2f} times what noise and tolerances explain"
+            within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms)"
             of_answer, of_leader = (self.verdict.stability, "answer"), (self.verdict.same_leader, "leader")
             stable, answer = of_leader if self.verdict.outcome == "undecided" else of_answer
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same {answer}"
             lines.append(f"{within}{repeated}.")
-        lines.append(beyond_text(self.record_errors, self.verdict.outcome))
+        leader = self.ranking[0].mechanism if self.ranking else ""
+        lines.append(beyond_text(self.record_errors, leader, self.verdict.outcome))
         lines += self._far_processes()
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(

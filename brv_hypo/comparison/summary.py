@@ -32,6 +32,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Choice, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.signals import rms
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.thresholds import SPECIFIC
 
@@ -42,10 +43,9 @@ _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have 
 def criteria_disagree(
     ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = {}
 ) -> tuple[str, ...]:
-    """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
-
-    The F-ratio is none of `none`: it is against it. No probability comes first where none is left for the list.
-    `impossible`: by hypothesis, the value in words that no body has, of which the other criteria know nothing.
+    """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing. The F-ratio
+    is none of `none`: it is against it. No probability comes first where none is left for the list. `impossible`: by
+    hypothesis, the value in words that no body has, of which the other criteria know nothing.
     """
     if len(ranking) < 2:
         return ()
@@ -78,10 +78,8 @@ def summarise(
     likelihoods: Mapping[str, Identification | None],
     verdict: Verdict,
 ) -> Comparison:
-    """Rank the fits, and gather all that the result holds.
-
-    The baseline is as beside the likeliest: without what moved the vehicle, its terms and the errors of the record
-    make up for that.
+    """Rank the fits, and gather all that the result holds. The baseline is as beside the likeliest: without what moved
+    the vehicle, its terms and the errors of the record make up for that.
     """
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     order = sorted(range(len(fits)), key=lambda i: (fits[i].information, len(fits[i].mechanisms)))
@@ -104,12 +102,13 @@ def summarise(
     )
 
 
-def motion_summary(reconstructions: Sequence[Reconstruction]) -> ReconstructionSummary:
-    """How well the motions of all flights are known, and what limits them."""
+def motion_summary(reconstructions: Sequence[Reconstruction], moved: Sequence[float] = (0.0,)) -> ReconstructionSummary:
+    """How well the motions of all flights are known, how far a model `moved` them (rad), and what limits them."""
     return ReconstructionSummary(
         method=reconstructions[0].method,
-        alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
-        phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
+        alpha_rms_sigma_rad=rms(np.array([r.alpha_rms_sigma for r in reconstructions])),
+        phi_w_rms_sigma_rad=rms(np.array([r.phi_w_rms_sigma for r in reconstructions])),
+        moved_rad=rms(np.array(moved)),
         warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings if w not in r.own_warnings)),
     )
 

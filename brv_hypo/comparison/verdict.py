@@ -195,7 +195,7 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
         but = f"with {leader.impossible}"
     elif not fit.adequate:
         but = (
-            f"beside all processes its residual is {fit.noise:.2f} times the record's noise. Check the tolerances that "
+            f"beside all processes its residual is {fit.noise:.2f} times the noise (rms). Check the tolerances that "
             "are stated (--instruments)"
         )
     else:

@@ -20,7 +20,7 @@ LONGEST_LINE = 300  # characters kept of a title or of another text that belongs
 # Marks that reverse the order of what follows, and separators that begin a new line.
 _REORDERING = frozenset("\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 NOT_A_NUMBER = "–"
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
 """Numbers from the one to below the other are written without an exponent."""
 
@@ -94,7 +94,7 @@ def number(value: float | None, digits: int = 3) -> str:
     if value == 0.0 or LEAST_PLAIN <= abs(value) < MOST_PLAIN:
         return f"{float(rounded):.{max(digits, 7)}g}"
     mantissa, exponent = rounded.split("e")
-    return f"{mantissa}×10{str(int(exponent)).translate(_RAISED)}"
+    return f"{mantissa}×10{str(int(exponent)).translate(RAISED)}"
 
 
 def known_to(value: float, sigma: float) -> str:

@@ -153,9 +153,9 @@ def _own_limits(record: InertialRecord, wind: WindHistory) -> Iterator[str]:
     if effects and np.max(sizes) >= limits.FAR_TOLERANCES:
         worst = effects[int(np.argmax(sizes))]
         yield (
-            f"this motion takes {worst.effect} {worst.component} at {np.max(sizes):.2g} times its tolerance: where "
-            "that tolerance is right, alpha is wrong. State a wider one (--instruments), or take another window "
-            "(--start, --stop)"
+            f"this motion, fitted to gyros and forces, takes {worst.effect} {worst.component} at {np.max(sizes):.2g} "
+            "times its tolerance: where that tolerance is right, alpha is wrong. State a wider one (--instruments), or "
+            "take another window (--start, --stop)"
         )
     alpha = angle_of_attack(wind.crossflow)[measured]
     share = rms(wind.alpha_sigma[measured]) / max(rms(alpha), 1e-150)

@@ -20,14 +20,9 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
-WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
-STATIC_JUDGED = (
-    "Of the leader's terms and the processes of stiffness together. Quote it at the angle flown: where no sample is "
-    "near alpha = 0 (dotted), a process's bend extrapolates it, and trace, whose model has no processes, may differ."
-)
 FUNCTIONS = {
     "C_m0": ("static-offset", "Static moment at alpha = 0", "C<sub>m0</sub>"),
-    "C_malpha": (*STATIC, STATIC_JUDGED),
+    "C_malpha": STATIC,
     "C_mq": DAMPING,
 }
 """Name, heading and axis of a function of Mach number."""
@@ -37,18 +32,18 @@ CHANNELS = {
 }
 """By chart and channel, title and scale of an axis."""
 ALONE = (
-    "Dots: measured less baseline, processes and errors of the record beside it, which may cancel part of it. "
-    "Moments are derivatives of smoothed rates: where the plane of alpha turns fast, some of one component is in the "
-    "other."
+    "Dots: measured less baseline, processes and errors of the record beside it. With processes: the sum; where these "
+    "cancel the moment, only the sum is known. Moments are derivatives of smoothed rates: where the plane of alpha "
+    "turns fast, some of one component is in the other."
 )
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
-SMALL_VALUE = 0.01  # of a coefficient, below which its chart has thousandths
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
-    "pred. error: mean square error of moments on blocks held out of the fit, no processes, as F-ratio and C_p, which "
-    "is large where processes matter; ln evidence: ln of the "
-    "record's probability density, processes included. Both over the baseline only's. A + beside terms: the search "
-    "came to `max_terms` of them; what is split or added beside processes comes on top."
+    "F-ratio, C_p, pred. error: of fits without processes, at knots and delays that are likeliest beside processes. So "
+    "C_p is above p, the number of coefficients, also where no term is missing. pred. error: mean square error of "
+    "moments on blocks held out of the fit; ln evidence: ln of the record's probability density, processes included. "
+    "Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what is split or added "
+    "beside processes comes on top."
 )
 
 
@@ -77,8 +72,9 @@ def _sizes(comparison: Comparison) -> Chart:
         heights = [row.cp for row in some]
         layers.append(Line(counts, heights, "first", "hypotheses", dots=True, size=LARGE, labels=labels))
     read = (
-        "Mallows' criterion. Far above the line, terms are missing. Best of a size: exact search on the grid of knots "
-        "and delays. Hypotheses: as judged, with terms that were split or added beside processes."
+        "Mallows' criterion, without processes: above the line terms are missing, or what processes describe. Best of "
+        "a size: exact search on the grid of knots and delays. Hypotheses: as judged, with terms split or added, knots "
+        "and delays placed beside processes, and above the line for that, too."
     )
     if not log:
         read += " Below zero: a smaller residual than the complete model's, which has the knots of the hypotheses."
@@ -127,16 +123,15 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     overview = moments[0]
     if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
         best = next(row for row in comparison.ranking if row.n_terms)
-        (beyond, made), heading = np.array(series.alone), f"Moments of {hypothesis(best.mechanism)}"
-        drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
-        by_alpha = charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
+        (beyond, made, summed), heading = np.array(series.alone), f"Moments of {hypothesis(best.mechanism)}"
+        drawn = [Drawn("with processes", summed, "second"), Drawn(hypothesis(best.mechanism), made, "first")]
+        name = "excess-by-alpha"
+        by_alpha = charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn[1:], name, heading)
         moments.append(replace(by_alpha, caption=ALONE))
         if best is leader:
             name, heading = f"overview{setting.suffix}", f"{heading}{setting.which}"
-            chart, marks = (
-                charts.moment_chart(setting, time, sigma, drawn, beyond),
-                [Mark(*knot) for knot in knots.items()],
-            )
+            chart = charts.moment_chart(setting, time, sigma, drawn, beyond)
+            marks = [Mark(*knot) for knot in knots.items()]
             overview = replace(chart, name=name, heading=heading, caption=ALONE, marks=marks)
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
@@ -169,7 +164,7 @@ def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
     known = {(value.mechanism, value.name): value.units for each in row.intervals for value in each.values}
     for term, units in known.items():
         t, y, sigma = _net(row, term, np.nan if units == "rad" else 0.0)
-        factor, suffix = (1e3, " · 10³") if np.nanmax(np.abs(y)) < SMALL_VALUE else (1.0, "")
+        factor, suffix = charts.scale_of(y)
         title = f"{term[1]}{suffix}{'' if units == '1' else f', {units}'}"
         panels.append(Panel(title, charts.estimate(t, factor * y, factor * sigma, band="± 2 sigma")))
     heading, caption = f"Coefficients of {hypothesis(row.mechanism)}", "Net values; zero where it does not act."
@@ -243,7 +238,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
             Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known), fits]),
-            Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear]),
+            Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear], True),
             *others,
             *terms,
         ),
@@ -257,7 +252,7 @@ def _quality(comparison: Comparison) -> list[Block]:
     known = (*own, *faults) if comparison.record.sound else (*faults, *own)
     warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
-    return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
+    return [Texts(none, bullets=False, shown="page"), tables.warning_texts(warnings)]
 
 
 def _compared(comparison: Comparison) -> list[Block]:
@@ -265,11 +260,11 @@ def _compared(comparison: Comparison) -> list[Block]:
     rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
     held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
     places, level = list(range(len(rows))), [row.log_evidence for row in rows]
-    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, size=LARGE, spread=wide)
+    gains = Line(held_out, places, "first", "held-out gain, ± 2 sigma", dots=True, size=LARGE, spread=wide)
     evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
     panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
-    read = "Held out: ln of the probability of each stretch of time given the others, beside processes."
-    over = Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
+    read = "Held-out gain: in ln probability of each twelfth of the record given the others; pred. error: no processes."
+    over = Chart("evidence", "Evidence and held-out gain", "nats over the baseline only", panels, caption=read)
     # The likeliest first, of equals as they are ranked.
     chances = comparison.verdict.probability
     order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
@@ -277,13 +272,11 @@ def _compared(comparison: Comparison) -> list[Block]:
     panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
     likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    panels, named = (
-        charts.share_bars(shares, "third"),
-        ("limits", "Upper limits", "largest share of the moment's rms, %"),
-    )
+    panels = charts.share_bars(shares, "third")
+    named = "limits", "Upper limits", "largest share of the moment's rms, %"
     read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."
     limits = Chart(*named, panels, caption=f"At 95 %: {read}")
-    return [over, likely, limits, Texts(comparison.disagreements, "Disagreements")]
+    return [over, likely, limits, Texts(comparison.disagreements, "Disagreements", shown="verbose")]
 
 
 def _fit_texts(comparison: Comparison) -> list[str]:

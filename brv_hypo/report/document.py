@@ -79,7 +79,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Span:
-    """A part of the horizontal axis that is shaded, such as samples that are masked."""
+    """A part of the horizontal axis that is shaded, such as samples that are masked; the legend has its name."""
 
     start: float
     stop: float
@@ -150,8 +150,8 @@ class Chart:
 
     @property
     def named(self) -> bool:
-        """Whether names of marks or spans are written above the frame."""
-        return any(mark.name for mark in self.marks) or any(span.name for span in self.spans)
+        """Whether names of marks are written above the frame."""
+        return any(mark.name for mark in self.marks)
 
     @property
     def lines(self) -> int:

@@ -76,11 +76,10 @@ def _fill(figure: Figure, chart: Chart) -> None:
     for axes, panel in zip(rows, chart.panels, strict=True):
         _draw(axes, panel)
         for mark in chart.marks:
-            axes.axvline(
-                mark.at, color="#cc79a7", linewidth=0.8, linestyle="--", label="" if mark.name else chart.dashed
-            )
+            label = "" if mark.name else chart.dashed
+            axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--", label=label)
         for span in chart.spans:
-            axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
+            axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0, label=span.name)
     top, bottom = rows[0], rows[-1]
     figure.supxlabel(_caption(chart), fontsize=8, x=0.01, ha="left")
     for mark, line in named(chart.marks):

@@ -49,7 +49,7 @@ from brv_hypo.report.document import (
 
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 175, "frame": 105, "names": 24, "bar": 26, "gap": 32}  # names: of marks, above the frame
+_HEIGHT = {"panel": 175, "frame": 121, "names": 40, "bar": 26, "gap": 32}  # names: of marks, above the frame
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
 """Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
@@ -96,10 +96,11 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
                 shown = bool(name) and name not in in_legend
                 traces.append({**trace, **place, "legendgroup": layer.name, "showlegend": shown})
                 in_legend.add(name)
-    if chart.dashed and traces:  # shapes are in no legend: a line of no points stands for them
-        line = {"color": "--mark", "width": 1, "dash": "dash"}
+    shapes = {chart.dashed: {"color": "--mark", "width": 1, "dash": "dash"}}
+    shapes |= {span.name: {"color": "--masked", "width": 10} for span in chart.spans}
+    for name, line in shapes.items() if traces else ():  # which no legend has: a line of no points stands for them
         empty = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "line": line, "xaxis": "x", "yaxis": "y"}
-        traces.append({**empty, "name": chart.dashed, "legendgroup": chart.dashed, "showlegend": True})
+        traces += [{**empty, "name": name, "legendgroup": name, "showlegend": True}] if name else []
     return {"traces": traces, "layout": _layout(chart), **shared}
 
 
@@ -204,7 +205,7 @@ def _decades(panel: Panel) -> dict[str, Any]:
 
 
 def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
-    """Spans and marks, and their names above the frame: of spans in their middle, of marks from their line on."""
+    """Spans and marks, and above the frame the names of marks, from their line on."""
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
     dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
     shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
@@ -215,8 +216,7 @@ def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
         {**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
         for mark, line in named(chart.marks)
     ]
-    spans = [{**above, "x": 0.5 * (s.start + s.stop), "text": s.name} for s in chart.spans if s.name]
-    return {"shapes": shapes, "annotations": [*marks, *spans]}
+    return {"shapes": shapes, "annotations": marks}
 
 
 def _bits(values: FloatArray) -> dict[str, str]:
@@ -259,6 +259,7 @@ def render(template: str, **values: Any) -> str:
     known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
     known.filters |= {"csv": _as_csv, "slug": _slug}
+    known.filters["folding"] = lambda words: escape(words).replace("_", Markup("_<wbr>"))
     known.tests["table"] = lambda block: isinstance(block, Table)
     known.tests["picture"] = lambda block: isinstance(block, Chart)
     known.globals["resource"] = lambda name: Markup(resource(name).decode())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,7 +17,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import share
+from brv_hypo.io.text import RAISED, share
 from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.report.document import (
@@ -44,7 +45,7 @@ _FAR_WIDER = 5.0
 IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
+_GYROS = "Band: white noise of the gyros; compare judges by the noise that the record shows, which may be larger."
 COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
@@ -56,7 +57,11 @@ _ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
-STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+STATIC = (
+    *("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad"),
+    "Of model and processes together. Quote it at the angle flown: where no sample is near alpha = 0 (dotted), it is "
+    "extrapolated, and compare and trace may differ.",
+)
 DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
@@ -104,9 +109,10 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 
 
 def scale_of(*moments: FloatArray) -> tuple[float, str]:
-    """Factor and suffix of an axis: thousandths, unless a moment coefficient reaches one, whose thousands are many."""
-    plain = any(np.any(np.abs(values) >= 1.0) for values in moments)
-    return (1.0, "") if plain else (1e3, " · 10³")
+    """Factor and suffix of an axis, powers of a thousand, with which the largest of the values is from 0.1 to 100."""
+    size = max((float(np.nanmax(np.abs(values))) for values in moments if np.any(np.isfinite(values))), default=0.0)
+    power = 3 * max(math.ceil(-(1.0 + math.log10(size or 1.0)) / 3.0), 0)
+    return 10.0**power, f" · 10{str(power).translate(RAISED)}" if power else ""
 
 
 @dataclass(frozen=True)
@@ -160,7 +166,7 @@ def moment_chart(
     if measured is None:
         return setting.chart("residuals", "Residual moments", panels, caption, _GYROS, cut)
     heading = "Moments, measured and modelled" if models else "Moments"
-    return setting.chart("moments", heading, panels, caption, "Shaded: masked." if setting.masked else "", cut)
+    return setting.chart("moments", heading, panels, caption, cut)
 
 
 def moment_by_alpha_chart(
@@ -261,14 +267,11 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
     marks = [Mark(side * beyond) for side in (-1.0, 1.0)]
     read = (
-        f"As fitted with the model. The largest of {len(errors)} errors seldom exceeds {beyond:.1f} tolerances; errors "
-        "beyond are named above."
+        f"As fitted with model and processes; reconstruct fits them without. The largest of {len(errors)} seldom "
+        f"exceeds {beyond:.1f} tolerances; errors beyond are named above."
     )
-    named, ends, dashed = (
-        ("errors", "Largest errors", "error over its tolerance"),
-        (-most, most),
-        f"{beyond:.1f} tolerances",
-    )
+    named, ends = ("errors", "Largest errors", "error over its tolerance"), (-most, most)
+    dashed = f"{beyond:.1f} tolerances"
     return Chart(*named, panels, range=ends, marks=marks, caption=read, dashed=dashed)
 
 
@@ -283,7 +286,8 @@ def process_chart(
         for (value, sigma), role in zip(histories[process], roles, strict=False):
             time, nth = np.linspace(*setting.span, len(value)), f"{role} shape or channel"
             layers += estimate(time, np.array(value), np.array(sigma), role, nth)
-        panels.append(framed(Panel(process if unit == "1" else f"{process}, {unit}", layers)))
+        title = process.replace("_change", "<br>_change") + ("" if unit == "1" else f", {unit}")
+        panels.append(framed(Panel(title, layers)))
     return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
@@ -293,7 +297,7 @@ def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, fl
     for fault in faults:
         narrow = _NARROWEST * length
         if fault.of_single_samples:
-            found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
+            found += [(at - 0.5 * narrow, at + 0.5 * narrow, "replaced") for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
     return sorted(found)
@@ -363,10 +367,9 @@ def motion_chart(setting: Setting, kept: MotionHistories) -> Chart:
 
 
 def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
-    """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
-
-    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi), from nought where
-    the record begins, be it before the histories. One panel for every few cycles, in order of time and at one scale.
+    """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda). lambda =
+    phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi), from nought where the
+    record begins, be it before the histories. One panel for every few cycles, in order of time and at one scale.
     """
     t, amplitude = np.array(kept.time_s), np.degrees(kept.alpha_rad)
     before = kept.roll_rate_rad_s[0] * (t[0] - setting.span[0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories
-from brv_hypo.comparison.summary import motion_histories
+from brv_hypo.comparison.summary import motion_histories, motion_summary
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
@@ -81,13 +81,14 @@ def reconstruction_document(result: Reconstruction) -> Document:
     span = f"{flight.samples} samples, {interval((float(flight.time[0]), float(flight.time[-1])))} s"
     rate = f"{flight.sample_rate:.4g} Hz, instruments {flight.instruments.described}"
     gyros, forces = number(result.gyro_sigma, 2), number(result.accel_sigma, 2)
-    known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
+    moved = "compare and trace move it, and the errors of the record, to fit a model of the moments, and say how far."
+    known = f"{motion_known(motion_summary([result]))}. {moved}"
     more = f" (and {len(result.warnings) - 1} more)" if len(result.warnings) > 1 else ""
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
         subtitle=(flight.title or flight.path, f"{span}, {rate}"),
         conclusion_title="Motion",
-        conclusion=known if result.status == "ok" else f"{known}. Degraded: {result.warnings[0]}{more}",
+        conclusion=known if result.status == "ok" else f"{known} Degraded: {result.warnings[0]}{more}",
         decided=result.status == "ok",
         blocks=(
             Table(history_rows(result), words=("history", "unit")),

@@ -17,6 +17,7 @@ from brv_hypo.comparison.result import (
     NetInterval,
     ProcessEstimate,
     RankedHypothesis,
+    ReconstructionSummary,
     RecordError,
     TermEstimate,
     beyond_tolerances,
@@ -47,17 +48,16 @@ from brv_hypo.report.document import Block, Shown, Table, Texts
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
-ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
+ROWS_AT_FIRST, WARNINGS_AT_FIRST = 3, 2  # that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 SLOW = "drifts, gusts and the like, in every hypothesis"
 KIN = "Processes of one family may stand for one another: quote their sum."
 IN_TRIM = "The mean of a moment fixed in the body may be in trim instead."
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the moment coefficient "
-    "C_m that it makes, or of the error of instruments and air; of moment: that over the moment's rms, of instruments "
-    "and air by the rates that they make; relative: the size over an ordinary one. In parentheses: below its sigma, "
-    "the record does not say that it acts, and another may make it. To simulate: verdict.processes, planted (--json)."
+    "A process is a smooth change that nobody has modelled. rms size: of the moment coefficient C_m that it makes, or "
+    "of the error of instruments and air; of moment: that over the moment's rms, of instruments and air by the rates "
+    "that they make; relative: over an ordinary size. In parentheses: below its sigma. To simulate: JSON's `planted`."
 )
 
 _VEHICLE = (
@@ -70,17 +70,16 @@ COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 PAIRS = "Collinear pairs: correlation (variance inflations)"
 MOST_COLLINEAR = 6  # names of a group in its sentence
 NAME_AND_FAMILY = (
-    "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, the residual of a model whose "
-    "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
+    "`compare` names what its baseline lacks; `trace` divides, by family, the residual of a model whose static slope "
+    "follows the Mach number, which may include that moment: both may be right."
 )
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
 
 def ranking_table(comparison: Comparison) -> Table:
-    """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
-
-    "pred. error" and "ln evidence" are over those of the baseline only; "6+" terms says that more would have entered.
+    """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out. "pred. error" and
+    "ln evidence" are over those of the baseline only; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict
     rows = [
@@ -127,15 +126,15 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
-    said = [KIN] if any(row["unit"] == "C_m" for row in rows) else []
+    said = []
     for each in shown:  # of instruments or air: others of its family and unit may be the same drift
         kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
         if not each.is_of_moment and len(kin) > 1:
             one = f"{' and '.join(sorted(kin))} may be one drift ({each.family})"
             said.append(f"{one}: the data may give it to either.")
-    mean = (IN_TRIM,) if "body" in {each.family for each in shown} else ()
-    texts = Texts(list(dict.fromkeys(said)), bullets=False)
-    return [table, texts, Texts(mean, bullets=False, shown="page")]
+    read = [KIN] * any(each.is_of_moment for each in shown) + [IN_TRIM] * any(each.family == "body" for each in shown)
+    drifts = Texts(list(dict.fromkeys(said)), bullets=False)
+    return [table, drifts, Texts(read, bullets=False, shown="page")]
 
 
 def process_texts(comparison: Comparison) -> list[Texts]:
@@ -170,6 +169,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     )
     marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
     beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
+    named: Shown = "verbose" if comparison.verdict.winner is None else "always"
     within = sum(value not in net for value in every) if net else 0
     rest = f"{counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
     rises = any(term.name.startswith("ramp ") for term in leader.terms)
@@ -181,8 +181,8 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
         Texts((RISING,) if rises and table.rows else (), bullets=False),
         Texts((rest,) if within else (), bullets=False, shown="verbose"),
         Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
-        replace(knot_table(comparison, leader), most=ROWS_AT_FIRST, shown="always"),
-        Texts(derived, shown="verbose" if comparison.verdict.winner is None else "always"),
+        replace(knot_table(comparison, leader), most=ROWS_AT_FIRST, shown=named),
+        Texts(derived, shown=named),
     ]
 
 
@@ -246,14 +246,15 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
         for each in sorted(known, key=lambda each: each.share_of_moment_95)
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
-    said = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
+    read = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
     held = [each for each in known if each.coefficients_95]
     terms = [", ".join(f"{name} {number(size, 2)}" for name, size in each.coefficients_95.items()) for each in held]
     sizes = [f"{each.mechanism} {largest}" for each, largest in zip(held, terms, strict=True)]
     if rows:
-        said.append("In a part: where it acts for a part of the record; throughout, trim and baseline hide more of it.")
+        read.append("In a part: where it acts for a part of the record; throughout, trim and baseline hide more of it.")
     if sizes:
-        said.append(f"For a quarter of the record or longer, at most: {'; '.join(sizes)}.")
+        read.append(f"For a quarter of the record or longer, at most: {'; '.join(sizes)}.")
+    said = []
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append("Above 100 %: nothing that is smaller than the whole moment is excluded.")
     if verdict.outcome == "none adequate":
@@ -261,7 +262,9 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
     heading = "Upper limits at 95 %, also of what could hide beside the leader"
-    return [Table(rows, heading, ("mechanism",)), Texts([" ".join(said)] if said else (), bullets=False)]
+    excluded = Texts([" ".join(said)] if said else (), bullets=False)
+    meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
+    return [Table(rows, heading, ("mechanism",)), excluded, meaning]
 
 
 def size_table(comparison: Comparison) -> Table:
@@ -306,10 +309,8 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[
             flown.append(dict(place))
             zero.append(place)
             for name, each in zip(functions, found, strict=True):
-                in_plane, mark = (
-                    "static C_m,in" if name == "C_m0" else name,
-                    COLLINEAR_MARK if each.collinear[k] else "",
-                )
+                in_plane = "static C_m,in" if name == "C_m0" else name
+                mark = COLLINEAR_MARK if each.collinear[k] else ""
                 flown[-1][in_plane] = estimated(each.at_flown[k], each.at_flown_std_error[k]) + mark
                 value = each.at_zero[k], each.at_zero_std_error[k]
                 zero[-1][name] = f"({known_to(*value)})" if each.extrapolated[k] else estimated(*value)
@@ -356,10 +357,9 @@ def term_table(
     collinear: Iterable[Sequence[str]] = (),
     derived: Iterable[DerivedEstimate] = (),
 ) -> Table:
-    """One row for each coefficient; no column without a value.
-
-    `knots`: the ends of its region are Mach numbers, as each flight has times of its own. Those in a group of
-    `collinear` ones, named with the times that they begin at, are marked. `derived` has the errors of delays.
+    """One row for each coefficient; no column without a value. `knots`: the ends of its region are Mach numbers, as
+    each flight has times of its own. Those in a group of `collinear` ones, named with the times that they begin at, are
+    marked. `derived` has the errors of delays.
     """
     machs = {knot.time_s: knot.mach for knot in knots}
     errors = {each.value: estimated(each.value, each.std_error) for each in derived if np.isfinite(each.std_error)}
@@ -427,19 +427,22 @@ def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
     lines = flight_lines(comparison.flights)
     if comparison.reference_flight is not None:
-        lines.append(
-            "terms begin and end together, each flight at its own times: by Mach number, unless a warning says more"
-        )
-    known = comparison.reconstruction
-    if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:
-        lines.append(motion_known(known.method, known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))
-    return lines
+        lines.append("terms begin and end together, each flight at its own times: by Mach number, unless warned below")
+    leaders = [hypothesis(row.mechanism) for row in comparison.ranking[:1]]
+    return [*lines, *(motion_known(comparison.reconstruction, name) for name in leaders)]
 
 
-def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
-    """How the motion was reconstructed, and how well it is known (rad, rms)."""
-    alpha, meridian = angle_known(alpha_sigma), angle_known(meridian_sigma)
-    return f"motion by the {method} method, known to {alpha} in alpha and {meridian} in meridian (rms)"
+def motion_known(known: ReconstructionSummary, about: str = "") -> str:
+    """Which motion it is, of the instruments alone or `about` a model, and how well it is known (rms)."""
+    alpha, meridian = (angle_known(each or 0.0) for each in (known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))
+    which = f"about {about}" if about else "of the instruments alone"
+    off = f"; its distance from reconstruct's, {angle_known(known.moved_rad)}, included" if about else ""
+    return f"motion {which} ({known.method} method), known to {alpha} in alpha, {meridian} in meridian (rms{off})"
+
+
+def warning_texts(warnings: Sequence[str]) -> Texts:
+    """Warnings, of which the terminal shows the first."""
+    return Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)
 
 
 def fault_texts(record: RecordTrial, reported: str = "") -> list[str]:

@@ -23,26 +23,13 @@ from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
-SCHEDULED = (
-    "scheduled: what trace starts from, with a static slope by Mach number; constant: with a constant slope, for "
-    "comparison (setting `baseline`; no held-out error chooses between them)."
-)
-WORSE = (
-    "Here scheduled predicts worse: it has coefficients that this flight does not need, or lacks the bend of constant."
-)
-
 DAMPING_AS_ESTIMATED = (
     "Its values there and their errors (coefficients along the flight: -v, and on the page) hold only for sizes of "
     "processes as estimated."
 )
-
-STATIC_TRACED = (
-    "Of model and processes together. Quote it at the angle flown: where no sample is near alpha = 0 (dotted), it is "
-    "extrapolated, and compare may differ."
-)
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
 SURE, NOT_SURE = (f"{how} above {share(LEAST_FAMILY)}" for how in ("surely", "not surely"))
-CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
+CANDIDATES_AT_FIRST = 3  # candidates that the terminal shows for each step; all of them with -v and on the page
 _STOPPED = {
     "white": "The residual is noise.",
     "nothing significant": "No effect explains more.",
@@ -51,8 +38,9 @@ _STOPPED = {
 }
 """Why the loop stopped, where that says something of the flight."""
 _ERRORS = (
-    "Mean square of the moment error; held out: on blocks that take no part in fit or choice; sigma: its standard "
-    "error, from block to block. Errors of the record, with their tolerances as 1 sigma, are fitted in every model"
+    "Mean square of the moments on blocks in no fit or choice; sigma: its standard error, from block to block. Errors "
+    "of the record, tolerances as 1 sigma, are fitted in every model. scheduled: static slope by Mach number, what "
+    "trace starts from; constant: a constant slope, for comparison (setting `baseline`)."
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
 HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
@@ -69,7 +57,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     if kept is None:
         return {}
     span = (result.flight.start_s, result.flight.stop_s)
-    setting = Setting(span, charts.knots_of(result.model.terms, *span))
+    faults = charts.masked(result.record.faults, span[1] - span[0])
+    setting = Setting(span, charts.knots_of(result.model.terms, *span), faults)
     measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
     added = [Drawn("before", before, "second"), Drawn("after", after, "first")]
     residuals = added if result.added else [Drawn("residual", after, "first")]
@@ -85,8 +74,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
             charts.spectrum_chart(setting, kept, [Drawn("measured", measured, "measured"), *residuals]),
         ],
         "Static slope and damping": [
-            derivative_chart(each, len(some), *named, read)
-            for some, named, read in ((result.static_slopes, STATIC, STATIC_TRACED), (result.damping, DAMPING, ""))
+            derivative_chart(each, len(some), *named)
+            for some, named in ((result.static_slopes, STATIC), (result.damping, DAMPING))
             for each in some
         ],
     }
@@ -155,7 +144,7 @@ def trace_document(result: Trace) -> Document:
         else "",
         _STOPPED[result.stopped],
         result.unexplained,
-        beyond_text(result.record_errors),
+        beyond_text(result.record_errors, "the final model"),
     )
     names = [each.model for each in result.account]
     account = [
@@ -167,13 +156,10 @@ def trace_document(result: Trace) -> Document:
         for k, each in enumerate(result.account)
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(account, _ERRORS, ("model",))
-    held_out = {each.model: each.held_out for each in result.account}
-    both = [SCHEDULED] if held_out.keys() >= {"constant", "scheduled"} else []
-    if both and held_out["constant"] < held_out["scheduled"]:
-        both.append(WORSE)
+    errors = Table(account, "Held-out error of one model after another", ("model",))
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
-    known = result.record_errors
+    errors_of_record, known = result.record_errors, result.reconstruction
+    instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record)
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
     final = () if ended or result.final_residual is None else (result.final_residual.words,)
@@ -188,16 +174,16 @@ def trace_document(result: Trace) -> Document:
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
-        Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
+        Section("Data quality", [tables.warning_texts(warnings), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in _charts(result).items()),
         Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
-        Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known)]),
+        Section("Errors of instruments and vehicle", instruments),
         Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
     return Document(
         title=f"Residual traced: {name}",
-        subtitle=flight_lines(result.flights),
+        subtitle=[*flight_lines(result.flights), *([tables.motion_known(known, "the final model")] if known else [])],
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
@@ -205,9 +191,9 @@ def trace_document(result: Trace) -> Document:
         beside=(
             estimates,
             errors,
-            Texts(both, bullets=False),
+            Texts((_ERRORS,), bullets=False, shown="verbose"),
             families_chart(result.steps[0]),
-            Texts(related, bullets=False, shown="page" if result.findings else "always"),
+            Texts(related, bullets=False, shown="page"),
         ),
     )
 
@@ -265,18 +251,21 @@ def _step(step: Step) -> list[Block]:
     doubtful = [each for each in step.decomposition if not is_sure(each)]
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
+    words = [f"{row.effect}: {row.description}." for row in ordered if row.kind == "discovered" and row.description]
     done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = (
         f"By family: {families}." if families else "",
-        f"{_history_text(largest)}." if largest is not None else "",
         outcome_text(step),
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
-    words, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
+    columns, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
+    later = done or step.step > 1  # a screen of a terminal has room for one table
     return [
         Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
-        Table(candidates, by, words, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if done else "always"),
+        Table(candidates, by, columns, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if later else "always"),
+        Texts(words, bullets=False, shown="verbose" if later else "always"),
+        Texts((f"{_history_text(largest)}.",) if largest is not None else (), bullets=False, shown="verbose"),
         Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
 
@@ -348,7 +337,7 @@ def prediction_document(result: Prediction) -> Document:
             *prediction_charts(result),
             term_table("Frozen, with errors of the fit alone", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
-            Texts(fault_texts(result.record), "Warnings", warning=True),
+            tables.warning_texts(fault_texts(result.record)),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )

@@ -79,9 +79,8 @@ def write_report(result: Any, path: str | Path, *, overwrite: bool = False) -> N
 
 
 def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Write the charts of a result as PNG and SVG; returns the files. Needs the extra `figures`.
-
-    Raises UsageError where a file exists and is not to be overwritten, or matplotlib is missing.
+    """Write the charts of a result as PNG and SVG; returns the files. Needs the extra `figures`. Raises UsageError
+    where a file exists and is not to be overwritten, or matplotlib is missing.
     """
     return draw_into(folder, document_of(result).charts, overwrite=overwrite)
 

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
+from brv_hypo.comparison.diagnostics import collinear, motions_beside, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import TermEstimate
-from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, of_flight
+from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, motion_summary, of_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
@@ -62,6 +62,8 @@ def gathered(
     kept = (before.usable & fit.left.usable)[rows]
     samples, rows = data.frame.samples(number)[kept], rows[kept]
     every = zip(flights, data.frame.reconstructions, slopes, strict=True)
+    alone = [data.source.read(k, Model(), {})[1] for k in range(len(flights))]
+    motions, moved = motions_beside(data.frame.reconstructions, alone)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -74,6 +76,7 @@ def gathered(
             terms=(*estimates(columns, values, covariance + of_processes, data.frame), *_record_terms(whole)),
             definition=_definition(fit, whole),
         ),
+        reconstruction=motion_summary(motions, moved),
         record_errors=record_errors(beside, weight),
         **collinear(columns, covariance),
         static_slopes=slopes,
@@ -92,7 +95,7 @@ def gathered(
             after=pair(fit.left.body[rows]),
             sigma=tuple(fit.left.noise[rows].tolist()),
             whitened=whitened(beside, number),
-            **motion_histories(data.frame.reconstructions[number], samples),
+            **motion_histories(motions[number], samples),
         ),
     )
 

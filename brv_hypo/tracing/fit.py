@@ -321,7 +321,7 @@ class Fit:
             rms=float(np.sqrt(left.mean_square(spans[number]))),
             white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
             p_value=p_value,
-            noise_ratio=ratios[number],
+            noise_ratio=float(np.sqrt(ratios[number])),
             worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
             worst_region_s=(float(edges[worst]), float(edges[worst + 1])),
             dominant_frequency_hz=float(frequencies[np.argmax(np.abs(np.fft.fft(rest)))]),

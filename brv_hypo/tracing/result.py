@@ -8,7 +8,14 @@ from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
+from brv_hypo.comparison.result import (
+    FlightSummary,
+    Interval,
+    MotionHistories,
+    ReconstructionSummary,
+    RecordError,
+    TermEstimate,
+)
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import interval, number, p_value
@@ -70,12 +77,10 @@ Stop = Literal["white", "nothing significant", "nothing improves held-out error"
 
 
 class Residual(NullIsNaN):
-    """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
-
-    `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
-    `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
-    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z. `flight`: the one of
-    several, counted from 0, that all but whiteness is of.
+    """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst. `white`,
+    `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise. `noise_ratio`: rms of the
+    residual moments over that of their noise. `worst_region_s` s; `dominant_frequency_hz` of the residual in body axes,
+    positive in the sense from y to z. `flight`: the one of several, counted from 0, that all but whiteness is of.
     """
 
     flight: int | None = None
@@ -94,7 +99,7 @@ class Residual(NullIsNaN):
         white = "white" if self.white else f"{beyond} (p {p_value(self.p_value)})"
         where = "" if self.flight is None else f"flight {self.flight + 1}: "
         return (
-            f"{where}rms {number(self.rms)}, {white}, mean square {number(self.noise_ratio)} times the noise's; "
+            f"{where}rms {number(self.rms)}, {number(self.noise_ratio)} times the noise, {white}; "
             f"largest in {self.worst_channel}, {interval(self.worst_region_s)} s, mostly at "
             f"{number(self.dominant_frequency_hz)} Hz"
         )
@@ -244,6 +249,7 @@ class Trace(HasCharts, Result):
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary
+    reconstruction: ReconstructionSummary | None = Field(default=None, description="how well the motion is known")
     record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
     collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
     collinear_groups: tuple[tuple[str, ...], ...] = ()

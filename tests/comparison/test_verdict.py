@@ -322,7 +322,7 @@ def test_a_lack_of_fit_is_measured_by_noise_and_by_what_is_explained(
     assert (verdict.outcome == "named") == adequate
     if not adequate:
         assert verdict.equivalent == ()
-        assert f"its residual is {noise:.2f} times the record's noise." in verdict.reason
+        assert f"its residual is {noise:.2f} times the noise (rms)." in verdict.reason
         assert "--instruments" in verdict.reason
 
 

@@ -50,7 +50,7 @@ def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported)
     assert verdict.adequacy is not None
     assert not verdict.adequacy.adequate
     assert verdict.adequacy.ratio > 1.5
-    assert "times the record's noise" in verdict.reason
+    assert "times the noise (rms)" in verdict.reason
     assert min(compared.series[0].sigma) > 0.0
 
 

@@ -36,7 +36,7 @@ from brv_hypo.report.document import (
 )
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import page, plotly_chart
-from brv_hypo.report.motion_charts import STATIC, Setting, attitude_chart, derivative_chart, process_chart
+from brv_hypo.report.motion_charts import STATIC, Setting, attitude_chart, derivative_chart, process_chart, scale_of
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import RESOLUTION, draw_into
@@ -124,12 +124,14 @@ def test_stretches_of_a_path_are_squares_at_one_scale_in_a_picture() -> None:
 
 
 def test_the_likeliest_mechanism_alone_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
-    rest, made = comparison.series[0].alone
+    rest, made, _ = comparison.series[0].alone
     below, above = charts["excess-by-alpha-1"].panels[1].layers
-    np.testing.assert_allclose(above.y, 1e3 * np.array(rest[1]))
-    np.testing.assert_allclose(below.y, 1e3 * np.array(made[1]))
+    factor, suffix = scale_of(np.array(rest), np.array(made))
+    np.testing.assert_allclose(above.y, factor * np.array(rest[1]))
+    np.testing.assert_allclose(below.y, factor * np.array(made[1]))
+    assert charts["excess-by-alpha-1"].panels[1].title.endswith(suffix)
     assert above.size < below.size
-    assert "may cancel part of it" in charts["excess-by-alpha-1"].caption
+    assert "cancel the moment" in charts["excess-by-alpha-1"].caption
 
 
 def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
@@ -151,7 +153,7 @@ def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
 
 def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(planted, planted_charts) -> None:
     """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
-    left, made = (np.array(each) for each in planted.series[0].alone)
+    left, made, summed = (np.array(each) for each in planted.series[0].alone)
     time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
     marks = {mark.name: mark.at for mark in planted_charts["overview"].marks if mark.name}
     assert set(marks) <= {"onset", "end"}
@@ -160,9 +162,11 @@ def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(
     for some in (before, after):
         assert np.sqrt(np.mean((left - made)[1, some] ** 2)) < 0.2 * size
     assert np.sqrt(np.mean(left[1, before] ** 2)) < 0.2 * size
-    dots, line = planted_charts["overview"].panels[1].layers[1:]
+    dots, whole, line = planted_charts["overview"].panels[1].layers[1:]
     np.testing.assert_allclose(dots.y, 1e3 * left[1])
     np.testing.assert_allclose(line.y, 1e3 * made[1])
+    np.testing.assert_allclose(whole.y, 1e3 * summed[1])
+    assert np.nanmax(np.abs(summed - made)) < 0.2 * size  # no process is large here
 
 
 def test_the_overview_is_that_of_a_leader_that_is_undecided_too_and_no_chart_is_drawn_twice(planted) -> None:
@@ -172,7 +176,7 @@ def test_the_overview_is_that_of_a_leader_that_is_undecided_too_and_no_chart_is_
     for result, first in ((planted.model_copy(update={"verdict": undecided}), "overview"), (led, "moments")):
         charts = comparison_document(result).charts
         assert charts[0].name == first
-        assert ("may cancel part of it" in charts[0].caption) == (first == "overview")
+        assert ("cancel the moment" in charts[0].caption) == (first == "overview")
         names = [chart.name for chart in charts]
         assert len(names) == len(set(names))
         assert "moments" in names
@@ -183,11 +187,29 @@ def test_histories_of_processes_are_drawn_in_the_units_of_the_table(planted) -> 
     coefficients."""
     known, histories = planted.verdict.processes, planted.series[0].histories
     drawn = process_chart(Setting((0.0, 1.0)), histories, {each.name: each.units for each in known}, "processes", "All")
-    assert [panel.title.partition(",")[0] for panel in drawn.panels] == [each.name for each in known]
+    titles = [panel.title.partition(",")[0].replace("<br>", "") for panel in drawn.panels]
+    assert titles == [each.name for each in known]
     for each, panel in zip(known, drawn.panels, strict=True):
         lines = [layer.y for layer in panel.layers if isinstance(layer, Line)]
         assert len(lines) == len(histories[each.name])
         assert np.sqrt(np.mean(np.square(lines))) <= 1.5 * each.size
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor", "suffix"),
+    [
+        (9.0, 1.0, ""),
+        (0.4, 1.0, ""),
+        (0.03, 1e3, " · 10³"),
+        (2e-4, 1e3, " · 10³"),
+        (3e-6, 1e6, " · 10⁶"),
+        (0.0, 1.0, ""),
+    ],
+)
+def test_an_axis_is_scaled_so_that_its_largest_value_is_legible(largest: float, factor: float, suffix: str) -> None:
+    found = scale_of(np.array([np.nan, -largest]), np.zeros(0))
+    assert found == (factor, suffix)
+    assert not 0.0 < found[0] * largest < 0.1
 
 
 def test_a_record_that_is_refused_is_not_said_to_be_without_fault() -> None:
@@ -331,13 +353,17 @@ class TestPlotlyChart:
         assert ticks(1e3) == 1.0
         assert ticks(1e9) == 2.0
 
-    def test_marks_and_spans_are_drawn_below_their_names(self) -> None:
+    def test_marks_are_drawn_below_their_names_and_spans_named_once_in_the_legend(self) -> None:
+        """Names above spans would lie over those of marks, and over each other."""
         panels = [Panel("y", [Line([0.0, 9.0], [0.0, 1.0], "first")])]
-        layout = plotly_chart(Chart("c", "h", "t", panels, marks=[Mark(2.0, "knot")], spans=[Span(3, 4, "masked")]))[
-            "layout"
+        spans = [Span(3, 4, "masked"), Span(5, 6, "masked")]
+        drawn = plotly_chart(Chart("c", "h", "t", panels, marks=[Mark(2.0, "knot")], spans=spans))
+        layout = drawn["layout"]
+        assert [(s["type"], s["x0"], s["x1"]) for s in layout["shapes"]] == [
+            *(("rect", 3, 4), ("rect", 5, 6), ("line", 2.0, 2.0))
         ]
-        assert [(s["type"], s["x0"], s["x1"]) for s in layout["shapes"]] == [("rect", 3, 4), ("line", 2.0, 2.0)]
-        assert {a["text"] for a in layout["annotations"]} == {"knot", "masked"}
+        assert [a["text"] for a in layout["annotations"]] == ["knot"]
+        assert [trace["name"] for trace in drawn["traces"]] == ["", "masked"]
 
 
 def test_pages_of_results_have_links_that_resolve_and_ids_given_once(comparison, planted) -> None:
