@@ -68,7 +68,7 @@ def _sizes(comparison: Comparison) -> Chart:
     ]
     for some in groups:  # in one label, from top to bottom as their dots are
         counts, labels = [least + row.n_terms for row in some], [""] * len(some)
-        labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some)
+        labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some).replace(" ", "\n")
         heights = [row.cp for row in some]
         layers.append(Line(counts, heights, "first", "hypotheses", dots=True, size=LARGE, labels=labels))
     read = (

@@ -49,7 +49,7 @@ from brv_hypo.report.document import (
 
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 175, "frame": 121, "names": 40, "bar": 26, "gap": 32}  # names: of marks, above the frame
+_HEIGHT = {"panel": 175, "frame": 131, "names": 50, "bar": 26, "gap": 32}  # names: of marks, above the frame
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
 """Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {

@@ -56,6 +56,7 @@ _ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight
 _ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _MIDDLE = 5.0  # px: of dots that show around small ones on them, or have errors
+_SHADED = "masked or replaced"  # samples, in the legend
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 STATIC = (
     *("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad"),
@@ -297,9 +298,9 @@ def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, fl
     for fault in faults:
         narrow = _NARROWEST * length
         if fault.of_single_samples:
-            found += [(at - 0.5 * narrow, at + 0.5 * narrow, "replaced") for at in {fault.start_s, fault.stop_s}]
+            found += [(at - 0.5 * narrow, at + 0.5 * narrow, _SHADED) for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
-            found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
+            found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), _SHADED))
     return sorted(found)
 
 

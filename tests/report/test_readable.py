@@ -132,7 +132,7 @@ def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
         RecordFault(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
         RecordFault(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
     ]
-    assert masked(faults, 5.0) == [(1.0, 2.0, "masked")]
+    assert masked(faults, 5.0) == [(1.0, 2.0, "masked or replaced")]
 
 
 def test_numbers_of_an_axis_have_an_exponent_where_they_need_one() -> None:

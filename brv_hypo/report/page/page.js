@@ -51,7 +51,7 @@
   const common = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "x unified", hoversubplots: "axis",
     font: { family: "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif", size: 13, color: "--ink" },
-    margin: { l: 60, r: 20, t: 74, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
+    margin: { l: 60, r: 20, t: 84, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
     legend: { orientation: "h", yref: "container", yanchor: "top", y: 1, x: 0, itemsizing: "constant" },
   };
