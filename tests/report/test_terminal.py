@@ -12,9 +12,17 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo.comparison.intervals import collinear_groups, estimate
+from brv_hypo.comparison.result import ReconstructionSummary
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.report.document import Document, Table, Texts
-from brv_hypo.report.tables import collinear_names, function_blocks, ranking_table, term_table, vehicle_blocks
+from brv_hypo.report.document import Document, Table, Texts, flat
+from brv_hypo.report.tables import (
+    collinear_names,
+    function_blocks,
+    motion_known,
+    ranking_table,
+    term_table,
+    vehicle_blocks,
+)
 from brv_hypo.report.terminal import Fitted, terminal_view
 from brv_hypo.report.trace import outcome_text, trace_document
 from brv_hypo.tracing.result import Account, Errors, Step
@@ -152,6 +160,27 @@ def test_the_first_models_of_an_account_are_told_apart() -> None:
     (said,) = (each.texts[0] for each in blocks if isinstance(each, Texts) and each.texts and "sigma" in each.texts[0])
     assert "scheduled: static slope by Mach number" in said
     assert "constant: a constant slope" in said
+
+
+def test_a_result_says_which_motion_it_is_about_and_how_far_that_is_from_the_instruments_own() -> None:
+    known = ReconstructionSummary(
+        method="joint", alpha_rms_sigma_rad=0.02, phi_w_rms_sigma_rad=0.2, moved_rad=np.radians(1.1)
+    )
+    assert motion_known(known).startswith("motion of the instruments alone (joint method), known to 1.1 deg in alpha,")
+    assert motion_known(known, "lag").startswith("motion about lag (joint method)")
+    assert "its distance from reconstruct's, 1.1 deg, included" in motion_known(known, "lag")
+    traced = traced_trim()
+    assert trace_document(traced).subtitle[-1] == motion_known(traced.reconstruction, "the final model")
+    assert 0.0 < traced.reconstruction.moved_rad < traced.reconstruction.alpha_rms_sigma_rad
+
+
+def test_what_is_described_in_generic_terms_is_described_in_words() -> None:
+    traced = traced_trim()
+    update = {"effect": "discovered_1", "kind": "discovered", "description": "a moment that turns"}
+    candidate = traced.steps[0].candidates[0].model_copy(update=update)
+    steps = (traced.steps[0].model_copy(update={"candidates": (candidate,)}), *traced.steps[1:])
+    texts = flat(trace_document(traced.model_copy(update={"steps": steps})).blocks)
+    assert any(isinstance(each, Texts) and "discovered_1: a moment that turns." in each.texts for each in texts)
 
 
 def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
