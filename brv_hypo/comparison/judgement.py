@@ -219,14 +219,18 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
-    offered, best = [[each] for each in pairs], max(map(level, pairs))
+
+
+    def worth(leading: Pair) -> float:
+        return level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
+
+    offered, best = [[each] for each in pairs], max(pairs, key=level)
     for place in sorted(range(len(pairs)), key=lambda k: -level(pairs[k])):
         if pairs[place][0].selected:
-            offered[place] = in_one_region(problem, pairs[place], null, frame, best)
-            best = max(best, *map(level, offered[place]))
+            offered[place] = in_one_region(problem, pairs[place], null, frame, level(best), worth(best))
+            best = max(best, *offered[place], key=level)
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
-    leading = max(found, key=level)
-    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
+    least = worth(max(found, key=level))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place][0].mechanisms) > 1:

@@ -37,7 +37,7 @@ class Steps(NamedTuple):
     gain: float
 
 
-ROUGH = Steps(6, 0.2)  # of models that are compared: a tenth of what one term costs
+ROUGH = Steps(2, 0.2)  # of models that are compared: a tenth of what one term costs
 CLOSELY = (1.0 / 3.0, 1.0 / 9.0, 1.0 / 27.0)  # of bounds, in which a knot finds the best of the minima about it
 FINAL = Steps(40, 1e-6)  # of one that is reported, or linearised about
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import helmert
@@ -339,6 +339,11 @@ class Rows:
         shown = found.noise < self.moment
         square = 2.0 * (found.mean_square(shown) - found.mean_square_of_noise(shown))
         return float(np.sqrt(square)) if square > 0.0 else self.moment
+
+    @cached_property
+    def factors(self) -> dict[bytes, Any]:
+        """What evidences of these rows at the latest amplitudes have in common."""
+        return {}
 
     @cached_property
     def products(self) -> Products:
