@@ -220,7 +220,6 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
 
-
     def worth(leading: Pair) -> float:
         return level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
 

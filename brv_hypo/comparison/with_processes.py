@@ -57,12 +57,7 @@ Pair = tuple[HypothesisFit, Evidence]
 
 
 def in_one_region(
-    problem: Problem,
-    pair: Pair,
-    null: Evidence,
-    frame: RateFrame,
-    best: float = -math.inf,
-    worth: float = -math.inf,
+    problem: Problem, pair: Pair, null: Evidence, frame: RateFrame, best: float = -math.inf, worth: float = -math.inf
 ) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
