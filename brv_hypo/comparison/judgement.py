@@ -22,6 +22,7 @@ from brv_hypo.comparison.preparation import Settings, aligned, linearised_about,
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
+    WIDENED,
     Pair,
     acting,
     beyond_linear,
@@ -63,7 +64,6 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
@@ -219,17 +219,14 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
-
-    def worth(leading: Pair) -> float:
-        return level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
-
-    offered, best = [[each] for each in pairs], max(pairs, key=level)
+    offered, best = [[each] for each in pairs], max(map(level, pairs))
     for place in sorted(range(len(pairs)), key=lambda k: -level(pairs[k])):
         if pairs[place][0].selected:
-            offered[place] = in_one_region(problem, pairs[place], null, frame, level(best), worth(best))
-            best = max(best, *offered[place], key=level)
+            offered[place] = in_one_region(problem, pairs[place], null, frame, best)
+            best = max(best, *map(level, offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
-    least = worth(max(found, key=level))
+    leading = max(found, key=level)
+    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place][0].mechanisms) > 1:

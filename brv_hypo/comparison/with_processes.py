@@ -38,6 +38,7 @@ CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
+WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 EDGE_ROUNDS = 3  # of ends and delays by turns, at most
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
@@ -57,13 +58,13 @@ Pair = tuple[HypothesisFit, Evidence]
 
 
 def in_one_region(
-    problem: Problem, pair: Pair, null: Evidence, frame: RateFrame, best: float = -math.inf, worth: float = -math.inf
+    problem: Problem, pair: Pair, null: Evidence, frame: RateFrame, best: float = -math.inf
 ) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
     Beside processes as large as without it, and beside small ones where those are larger than usual: the evidence has a
     maximum at each, and large processes make up for a mechanism, so that beside them other times and delays explain
-    more. `best`: the log evidence of the likeliest hypothesis so far; `worth`: that from which others are worked on.
+    more. `best`: the log evidence of the likeliest hypothesis so far.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
@@ -71,7 +72,7 @@ def in_one_region(
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.beside_small) if null.has_large_processes else (null,)
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
-    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best, worth))]
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -216,7 +217,7 @@ def acting(
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
     starts: Sequence[Evidence] = (),
-    least: tuple[float, float, float] = (-math.inf, math.inf, -math.inf),
+    least: tuple[float, float] = (-math.inf, -math.inf),
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
@@ -232,8 +233,8 @@ def acting(
     for k, (mechanism, shape, null) in enumerate(beside):
         if where[k] not in where[:k]:
             own = replace(like, name=mechanism.name, mechanisms=(mechanism,))
-            wide = max(*least[::2], null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
-            pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (*least[:2], wide)))
+            wide = max(least[0], least[1] - WIDENED, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
+            pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (*least, wide)))
     return pairs
 
 
