@@ -147,9 +147,8 @@ class MomentModel:
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
-        """The coefficients and nonlinear parameters that change the columns themselves.
-
-        C_mw of Eq. 5.1 changes those of mechanisms with parameters of their own, as in the regression.
+        """The coefficients and nonlinear parameters that change the columns themselves. C_mw of Eq. 5.1 changes those
+        of mechanisms with parameters of their own, as in the regression.
         """
         used = {column.mechanism for column in self.structure.columns}
         nonlinear_parameters = tuple(parameter.name for parameter in self.structure.nonlinear_parameters)

@@ -88,9 +88,8 @@ class Problem:
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_variance)
 
     def refreshed(self, found: FitResult) -> Problem:
-        """The problem started from a solution, with nodes and block means laid out by the motion that it has.
-
-        Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
+        """The problem started from a solution, with nodes and block means laid out by the motion that it has. Blocks
+        may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
         warm, columns, values = self.warm(found), self.structure.at(found.theta), self.structure.values(found.theta)
         frame = self.frame.with_in_plane_moment(columns, values)
@@ -123,9 +122,8 @@ class Problem:
 
     @property
     def affine(self) -> frozenset[str]:
-        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record.
-
-        What changes rates of which a mechanism's columns are functions is not.
+        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record. What
+        changes rates of which a mechanism's columns are functions is not.
         """
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY_ERRORS for flight in self.flights}
