@@ -22,6 +22,7 @@ from brv_hypo.comparison.preparation import Settings, aligned, linearised_about,
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
+    WIDENED,
     Pair,
     acting,
     beyond_linear,
@@ -63,7 +64,6 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
 LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing

@@ -38,6 +38,7 @@ CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
+WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 EDGE_ROUNDS = 3  # of ends and delays by turns, at most
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
@@ -216,7 +217,7 @@ def acting(
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
     starts: Sequence[Evidence] = (),
-    least: tuple[float, float] = (-math.inf, math.inf),
+    least: tuple[float, float] = (-math.inf, -math.inf),
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
@@ -232,7 +233,7 @@ def acting(
     for k, (mechanism, shape, null) in enumerate(beside):
         if where[k] not in where[:k]:
             own = replace(like, name=mechanism.name, mechanisms=(mechanism,))
-            wide = max(least[0], null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
+            wide = max(least[0], least[1] - WIDENED, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
             pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (*least, wide)))
     return pairs
 

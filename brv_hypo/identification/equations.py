@@ -29,7 +29,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.identification import parameters
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot, real_rows
 from brv_hypo.likelihood import Delayed
-from brv_hypo.linearisation.response import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY_ERRORS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.common_time import OwnTime
@@ -147,9 +147,8 @@ class MomentModel:
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
-        """The coefficients and nonlinear parameters that change the columns themselves.
-
-        C_mw of Eq. 5.1 changes those of mechanisms with parameters of their own, as in the regression.
+        """The coefficients and nonlinear parameters that change the columns themselves. C_mw of Eq. 5.1 changes those
+        of mechanisms with parameters of their own, as in the regression.
         """
         used = {column.mechanism for column in self.structure.columns}
         nonlinear_parameters = tuple(parameter.name for parameter in self.structure.nonlinear_parameters)
@@ -244,7 +243,7 @@ class VehicleModel:
         """
         if not self.moments.uses_rates:
             return ()
-        return (*FORCES, *(parameters.of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+        return (*FORCES, *(parameters.of_flight(name, flight) for name in (*GRAVITY_ERRORS, *RATE_ERRORS)))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
@@ -284,7 +283,8 @@ class VehicleModel:
         error = self._roll_rate_error(context, theta)
         # Gravity along each axis of the first sample, by what it adds across the body in de-rolled axes.
         along_y, along_z = (here.u[ROW[f"gravity_x{axis}"] :][:3] for axis in "yz")
-        gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ (along_y + 1j * along_z)
+        mean, errors = context.gravity
+        gravity = (mean + errors @ [theta[name] for name in _own(GRAVITY_ERRORS, context)]) @ (along_y + 1j * along_z)
         gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(parameters.CROSSFLOW, context, theta)
         gained = gained + self._force(here, context, theta)
         slower = 1.0 + _error(parameters.SPEED_ERROR, context, theta)

@@ -24,10 +24,9 @@ from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.statistics import Whiteness, estimate_variance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
-from brv_hypo.linearisation.response import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY_ERRORS
 from brv_hypo.model.baseline import scaled
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.smoother import BENT
 
@@ -89,9 +88,8 @@ class Problem:
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_variance)
 
     def refreshed(self, found: FitResult) -> Problem:
-        """The problem started from a solution, with nodes and block means laid out by the motion that it has.
-
-        Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
+        """The problem started from a solution, with nodes and block means laid out by the motion that it has. Blocks
+        may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
         warm, columns, values = self.warm(found), self.structure.at(found.theta), self.structure.values(found.theta)
         frame = self.frame.with_in_plane_moment(columns, values)
@@ -124,12 +122,11 @@ class Problem:
 
     @property
     def affine(self) -> frozenset[str]:
-        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record.
-
-        What changes rates of which a mechanism's columns are functions is not.
+        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record. What
+        changes rates of which a mechanism's columns are functions is not.
         """
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
-        gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
+        gravity = {of_flight(name, flight) for name in GRAVITY_ERRORS for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
         return frozenset({*self.structure.names, *FORCES, *time_varying, *gravity} - bent)
 
@@ -192,12 +189,11 @@ def build_problem(
     forces = _force_start(frame, span)
     theta |= forces
     priors = {FORCE_BEND: (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)}
-    for flight in dict.fromkeys(record.context.flight for record in records):
-        reconstruction = frame.reconstructions[flight]
-        size = gravity_size(reconstruction.flight)
-        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
-            theta[of_flight(name, flight)] = min(max(value, -size), size)
-            priors[of_flight(name, flight)] = (0.0, size)
+    for flight, (mean, errors) in {record.context.flight: record.context.gravity for record in records}.items():
+        off = np.linalg.solve(errors, frame.reconstructions[flight].gravity_body - mean)
+        for name, value in zip(GRAVITY_ERRORS, off.tolist(), strict=True):
+            theta[of_flight(name, flight)] = value
+            priors[of_flight(name, flight)] = (0.0, 1.0)
         left = [name for error in inputs[flight].errors for name in input_error(error, flight).weights]
         theta |= dict.fromkeys(left, 0.0)
         priors |= dict.fromkeys(left, (0.0, 1.0))

@@ -29,10 +29,13 @@ from brv_hypo.identification.parameters import (
 from brv_hypo.likelihood import Segment
 from brv_hypo.linearisation.frame import RateFrame, WeakSegment
 from brv_hypo.linearisation.moment_model import delays_requested
+from brv_hypo.linearisation.response import gravity_axes
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated
+from brv_hypo.motion.inertial import NominalMotion, inertial_record
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
+from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import Motion, crossflow
 
 IDENTIFIED_FEWEST_NODES = 12  # of a segment
@@ -149,6 +152,7 @@ class Context:
     start: float  # its first instant, s
     meridian_rate: float  # there, rad/s
     block: float  # a block's length, s
+    gravity: tuple[FloatArray, FloatArray]  # as `gravity_axes` has it
     own: OwnTime | None = None  # how its time goes with the common one, where flights share it
 
     def coefficient_time(self, time: FloatArray) -> FloatArray:
@@ -209,7 +213,8 @@ def node_records(
     noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
     quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]
     errors = record_errors(frame, quiet, inputs, frozenset(column.mechanism for column in columns))
-    constant = TimeBasis("constant")
+    nominal = (NominalMotion(inertial_record(r.flight, ReconstructionConfig()), r.start) for r in frame.reconstructions)
+    gravity, constant = [gravity_axes(each) for each in nominal], TimeBasis("constant")
     shapes = frame.moments([replace(column, time_basis=constant) for column in columns if has_knot(column)])
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
@@ -246,6 +251,7 @@ def node_records(
                 start=float(nodes[0]),
                 meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
                 block=block,
+                gravity=gravity[part.flight],
                 own=own,
             ),
             segment=Segment(

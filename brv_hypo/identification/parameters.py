@@ -115,9 +115,8 @@ def structure_of(
     stop: float,
     delays: Sequence[float],
 ) -> Structure:
-    """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside.
-
-    Columns that share a theta or a knot of one mechanism move together. `delays`: all at which mechanisms look back, s.
+    """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside. Columns that share a
+    theta or a knot of one mechanism move together. `delays`: all at which mechanisms look back, s.
     """
     names, nonlinear = unique([*map(_name, columns)]), _nonlinear_parameters(columns, mechanisms, start, stop)
     free = [parameter.value for parameter in nonlinear if parameter.is_delay]
@@ -351,9 +350,8 @@ RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated v
 def error_histories(
     errors: RecordErrors, flight: int, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
 ) -> tuple[TimeVaryingParameter, ...]:
-    """The courses of one segment of a flight, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,).
-
-    What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
+    """The courses of one segment of a flight, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,). What
+    instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
     """
 
     def rows(names: Sequence[str]) -> list[SampledParameter]:

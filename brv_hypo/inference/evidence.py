@@ -35,9 +35,10 @@ from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL, RECORD_AMPLITUDE
 
 _LARGEST, _WALL = float(np.log(3.0)), 0.1  # logarithm of the largest amplitude, and 1-sigma of the prior beyond it
-_SLOPE = 0.03  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
+_SLOPE = 0.1  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
 _ROUNDING = 1e-9  # of a covariance
 _LARGEST_STEP = 3.0  # of all logarithms together
+_KEPT = 4  # amplitudes of which factors are kept
 
 
 class _Solution(NamedTuple):
@@ -55,7 +56,7 @@ class _OfProcesses(NamedTuple):
 
     mode: FloatArray
     inverse: FloatArray
-    """M^-1, zero above its diagonal."""
+    """That of its `_Factor`."""
     follows: FloatArray
     """By how much a falls as b and c rise (columns, border)."""
     variances: FloatArray
@@ -73,7 +74,7 @@ class _Integrated:
 
     @cached_property
     def _parts(self) -> dict[int, _Eliminated]:
-        return _eliminated(self.products, self.rows, self.at)
+        return _eliminated(self.products, _factors(self.rows, self.at))
 
     @cached_property
     def solution(self) -> _Solution:
@@ -84,12 +85,10 @@ class _Integrated:
     def processes(self) -> tuple[_OfProcesses, ...]:
         """a of each flight: large, and wanted of few."""
         solution, found = self.solution, []
-        for part in self._parts.values():
+        for part, factor in zip(self._parts.values(), _factors(self.rows, self.at).values(), strict=True):
             both = np.column_stack([part.made, part.own])
-            both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-            # In the place of the factor, of which nothing else is wanted.
-            inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
-            follows = both[:, :-1]
+            both = solve_triangular(factor.lower, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+            follows, inverse = both[:, :-1], factor.inverse
             variances = np.diag(inverse) + np.sum((follows @ solution.covariance) * follows, axis=1)
             found.append(_OfProcesses(both[:, -1] - follows @ solution.border, inverse, follows, variances))
         return tuple(found)
@@ -338,20 +337,15 @@ class Evidence(_Integrated):
         """Minus log p, `values` and their covariance without each stretch of time. What is left out of one flight
         changes nothing of the others' elimination.
         """
-        known, made = _eliminated(self.products, self.rows, self.at), self._values_of_border
+        known, made = self._parts, self._values_of_border
         without = []
         for stretch in self.rows.stretch_products:
             rest = self.products.less(stretch.beside(self.rows, self.terms.x))
-            parts = {**known, **_eliminated(rest, self.rows, self.at)}
+            parts = {**known, **_eliminated(rest, _factored(rest, self.rows, self.at))}
             found = _solved(rest, parts, self.rows, self.terms, self.at)
             covariance = self.noise**2 * made @ found.covariance @ made.T
             without.append((_value(rest, self.rows, found, self.at), made @ found.border, covariance))
         return without
-
-    @cached_property
-    def _factors(self) -> dict[int, _Factor]:
-        """Of all rows."""
-        return _factored(self.products, self.rows, self.at)
 
     def with_moments(self, rates: FloatArray) -> Products:
         """Those with moments by their rates (rate rows, k) after the terms: of all evidences of these the same."""
@@ -359,7 +353,7 @@ class Evidence(_Integrated):
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of what is beside the terms, P the inverse covariance with all else integrated out."""
-        inner, right = _reduced(products, _eliminated(products, self.rows, self.at, self._factors))
+        inner, right = _reduced(products, _eliminated(products, _factors(self.rows, self.at)))
         spread = _spreads(self.rows, self.terms, self.at)
         first = spread.size
         inner[:first, :first] += np.diag(spread**-2.0)
@@ -466,8 +460,26 @@ def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
     return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
 
 
-_Factor = tuple[FloatArray, FloatArray]
-"""Of one flight S, a value for each column of Z, and L."""
+@dataclass(frozen=True)
+class _Factor:
+    """Of one flight S, a value for each column of Z, and L."""
+
+    scale: FloatArray
+    lower: FloatArray
+
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """M^-1, zero above its diagonal."""
+        return np.asarray(dpotri(self.lower, lower=1)[0]) if self.lower.size else self.lower
+
+
+def _factors(rows: Rows, at: FloatArray) -> dict[int, _Factor]:
+    """Those of each flight with all of its rows, the same beside any terms; of the latest amplitudes they are kept."""
+    key, known = _amplitudes(rows, at).tobytes(), rows.factors
+    known[key] = known.pop(key, None) or _factored(rows.products, rows, at)
+    if len(known) > _KEPT:
+        del known[next(iter(known))]
+    return known[key]
 
 
 def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
@@ -478,7 +490,7 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
         matrix = known.own * scale
         matrix *= scale[:, np.newaxis]
         matrix[np.diag_indices_from(matrix)] += 1.0
-        factors[number] = scale, _factor(matrix, float(np.max(np.diag(matrix), initial=1.0)))
+        factors[number] = _Factor(scale, _factor(matrix, float(np.max(np.diag(matrix), initial=1.0))))
     return factors
 
 
@@ -492,9 +504,8 @@ def _factor(matrix: FloatArray, largest: float) -> FloatArray:
 
 
 class _Eliminated(NamedTuple):
-    """Of one flight L, W and w, what they take of the normal equations and of the squares, and log |L|."""
+    """Of one flight W and w, what they take of the normal equations and of the squares, and log |L|."""
 
-    factor: FloatArray
     made: FloatArray
     own: FloatArray
     square: FloatArray
@@ -503,18 +514,16 @@ class _Eliminated(NamedTuple):
     level: float
 
 
-def _eliminated(
-    products: Products, rows: Rows, at: FloatArray, factors: Mapping[int, _Factor] | None = None
-) -> dict[int, _Eliminated]:
-    """The processes of each flight eliminated, with their factors where those are known."""
+def _eliminated(products: Products, factors: Mapping[int, _Factor]) -> dict[int, _Eliminated]:
+    """The processes of each flight eliminated."""
     parts = {}
-    for number, (scale, factor) in (factors or _factored(products, rows, at)).items():
+    for number, factor in factors.items():
         known = products.flights[number]
-        both = scale[:, np.newaxis] * np.column_stack([known.with_border, known.with_y])
-        made = solve_triangular(factor, both, lower=True, check_finite=False, overwrite_b=True)
+        both = factor.scale[:, np.newaxis] * np.column_stack([known.with_border, known.with_y])
+        made = solve_triangular(factor.lower, both, lower=True, check_finite=False, overwrite_b=True)
         border, own = made[:, :-1], made[:, -1]
-        level = float(np.sum(np.log(np.diag(factor))))
-        parts[number] = _Eliminated(factor, border, own, border.T @ border, border.T @ own, float(own @ own), level)
+        level = float(np.sum(np.log(np.diag(factor.lower))))
+        parts[number] = _Eliminated(border, own, border.T @ border, border.T @ own, float(own @ own), level)
     return parts
 
 

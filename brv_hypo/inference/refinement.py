@@ -26,6 +26,7 @@ SCANNED_FACTOR = 1.6  # of a theta either way
 REFINED_WIDTH = 2e-3  # half the width of differences by knots and delays, of their bounds
 REFINED_HALVINGS = 4  # lengths of a step that are tried
 _SAME = 1e-12  # relative difference of values of a parameter that are one
+WIDEST = 0.4  # of the record: what comes on over more of it is a drift, which processes are
 NARROWEST = 0.05  # of the knots' spacing: the least width of an onset
 KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
@@ -37,7 +38,7 @@ class Steps(NamedTuple):
     gain: float
 
 
-ROUGH = Steps(6, 0.2)  # of models that are compared: a tenth of what one term costs
+ROUGH = Steps(2, 0.2)  # of models that are compared: a tenth of what one term costs
 CLOSELY = (1.0 / 3.0, 1.0 / 9.0, 1.0 / 27.0)  # of bounds, in which a knot finds the best of the minima about it
 FINAL = Steps(40, 1e-6)  # of one that is reported, or linearised about
 
@@ -157,7 +158,8 @@ def nonlinear_parameters(columns: Sequence[Regressor], frame: RateFrame, knots: 
             bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
         elif kind == "width":
             at = middle(columns[members[0]].time_basis)
-            bounds, units = (min(NARROWEST * reach, value), max(2.0 * min(at - start, stop - at), value)), "s"
+            widest = min(2.0 * (at - start), 2.0 * (stop - at), WIDEST * (stop - start))
+            bounds, units = (min(NARROWEST * reach, value), max(widest, value)), "s"
         else:
             parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

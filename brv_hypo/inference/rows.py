@@ -15,10 +15,11 @@ Rows of different flights have b and c alone in common, so that T and Z are bloc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import helmert
@@ -246,8 +247,8 @@ class Rows:
     """What makes the baseline's coefficients of those of U (baseline columns, its rank)."""
     blocks: tuple[Block, ...]
     groups: tuple[Group, ...]
-    moment: float
-    """rms of the moment coefficient at the linearisation point."""
+    modelled: ComplexArray
+    """Moment coefficients (frame rows,) at the linearisation point."""
     static: float
     """What that moment makes of the rows before whitening, as a length."""
     counted: BoolArray
@@ -333,12 +334,23 @@ class Rows:
     @cached_property
     def measured_moment(self) -> float:
         """rms of the moment coefficient that the derolled rates show beyond their noise, where this is less; as the
-        linearisation point has it where it is nowhere.
+        linearisation point has it elsewhere, as at the ends of the filter.
         """
         found = residual_moments(self.frame, self.problem.records, self.frame.observed)
-        shown = found.noise < self.moment
-        square = 2.0 * (found.mean_square(shown) - found.mean_square_of_noise(shown))
-        return float(np.sqrt(square)) if square > 0.0 else self.moment
+        shown, squares = found.usable & (found.noise < self.moment), np.abs(self.modelled) ** 2
+        squares[shown] = np.abs(found.body[shown]) ** 2 - 2.0 * found.noise[shown] ** 2
+        square = float(np.mean(squares))
+        return math.sqrt(square) if square > 0.0 else self.moment
+
+    @cached_property
+    def moment(self) -> float:
+        """rms of the moment coefficient at the linearisation point."""
+        return float(np.sqrt(np.mean(np.abs(self.modelled) ** 2)))
+
+    @cached_property
+    def factors(self) -> dict[bytes, Any]:
+        """What evidences of these rows at the latest amplitudes have in common."""
+        return {}
 
     @cached_property
     def products(self) -> Products:
@@ -383,7 +395,8 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
     """
     known = problem.frame.with_mechanisms(point.mechanisms)
     frame = known.with_in_plane_moment(point.columns, point.values)
-    moment = float(np.sqrt(np.mean(np.abs(frame.moments(point.columns) @ point.values) ** 2)))
+    modelled = frame.moments(point.columns) @ point.values
+    moment = float(np.sqrt(np.mean(np.abs(modelled) ** 2)))
     nuisances, unknowns = problem.rows.nuisances, problem.rows.unknowns
     top, items, use = 2 * problem.rows.rates, nuisances.items, _counted(problem)
     drifts, moments = record_processes(), moment_processes() if moments is None else moments
@@ -417,7 +430,7 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
     )
     fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
     length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
-    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, use)
+    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, modelled, length, use)
     common = [j for j, k in enumerate(number[unknowns.places[-1]].tolist()) if k in bounded]
     of_all = unknowns.shared[:top, common]
     y -= of_all @ np.array([items[k].present for k in number[unknowns.places[-1]][common]])

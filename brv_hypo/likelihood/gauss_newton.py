@@ -120,9 +120,8 @@ def information_factor(segments: Segments, p: int) -> FloatArray:
 def gauss_newton_step(
     problem: Problem, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
 ) -> Step:
-    """The step that minimises the linearised problem within the bounds.
-
-    `gradient` (p,) is that of a further term of the objective; `frozen` leaves theta where it is.
+    """The step that minimises the linearised problem within the bounds. `gradient` (p,) is that of a further term of
+    the objective; `frozen` leaves theta where it is.
     """
     parameters = problem.parameters
     p = len(parameters.names)
@@ -180,9 +179,8 @@ def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> It
 
 
 def quadratic_of(problem: Problem, grid: Grid, x: FloatArray, linear: Linearisation, variance: FloatArray) -> Quadratic:
-    """One segment's linearisation with outputs whitened, by their `variance`, and states divided by their size.
-
-    Delays meet process noise on the way to a start only, whose states are near: what they see is fixed then.
+    """One segment's linearisation with outputs whitened, by their `variance`, and states divided by their size. Delays
+    meet process noise on the way to a start only, whose states are near: what they see is fixed then.
     """
     size, weight = problem.size, whitening(variance, grid.measured)
     dynamics = block_rows(linear.defect_by_state / size[:, None] * size)

@@ -112,9 +112,8 @@ class Whiteness:
 
 
 def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
-    """Inverse of the information matrix T'T plus priors, (p, p).
-
-    nan for parameters not in `estimated` (at a bound), and for those that a direction moves which the data do not see.
+    """Inverse of the information matrix T'T plus priors, (p, p). nan for parameters not in `estimated` (at a bound),
+    and for those that a direction moves which the data do not see.
     """
     p = prior_std.size
     covariance = np.full((p, p), np.nan)

@@ -74,7 +74,7 @@ class MomentModel:
         found: dict[float, dict[str, ComplexArray]] = {}
         for ago in (0.0, *delays_requested(self.motion, self._moments)):
             there, found[ago] = self.motion.delayed(ago), {}
-            own = _quantities(there)
+            own = {**_parts(*_crossflow(there)), **{name: getattr(there, name) for name in _READ}}
             for name, value in own.items():
                 step = MOMENT_SLOPE_STEP * np.fmax(np.abs(value), 1.0)  # of what is not known, one
                 ends = []
@@ -164,11 +164,6 @@ class _Past:
         self.delays.add(ago)
         there = self.other[1] if self.other and self.other[0] == ago else self.motion.delayed(tau)
         return replace(there, history=replace(self, motion=there, ago=ago))
-
-
-def _quantities(motion: Motion) -> dict[str, FloatArray]:
-    """What a motion is (m,), by name."""
-    return {**_parts(*_crossflow(motion)), **{name: getattr(motion, name) for name in _READ}}
 
 
 def _changed(motion: Motion, changes: Mapping[str, FloatArray], own: Mapping[str, FloatArray]) -> Motion:

@@ -75,7 +75,6 @@ def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArr
 # Names of a motion's unknowns: what a fit says that it has too much of.
 MOTION = "motion"
 START = ("start y", "start z")
-GRAVITY = ("gravity x", "gravity y", "gravity z")
 GRAVITY_ERRORS = ("gravity 1", "gravity 2", "gravity 3")  # along `gravity_axes`
 
 

@@ -164,9 +164,8 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
 def arm_acceleration(
     p: FloatArray, p_change: FloatArray, rate: ComplexArray, change: ComplexArray, arm: Iterable[float]
 ) -> FloatArray:
-    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 at `arm` (3,) m from the c.g. (errata E10, E11).
-
-    `p` and q + i r = `rate` (n,) rad/s; `p_change`, `change` their derivatives.
+    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 at `arm` (3,) m from the c.g. (errata E10, E11). `p` and q + i
+    r = `rate` (n,) rad/s; `p_change`, `change` their derivatives.
     """
     x, y, z = arm
     q, r, q_change, r_change = rate.real, rate.imag, change.real, change.imag

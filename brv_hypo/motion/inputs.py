@@ -115,9 +115,8 @@ def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
 
 
 def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatArray:
-    """Speed (n,) m/s: the integral of the `force` (n, 3) m/s^2 along the velocity, plus what varies slowly.
-
-    Drag follows the angle of attack, so that the speed itself is not slow; the rest is. `xi` (n,) is the crossflow.
+    """Speed (n,) m/s: the integral of the `force` (n, 3) m/s^2 along the velocity, plus what varies slowly. Drag
+    follows the angle of attack, so that the speed itself is not slow; the rest is. `xi` (n,) is the crossflow.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = force[:, 0] * forward + ((force[:, 1] + 1j * force[:, 2]) * np.conj(xi)).real

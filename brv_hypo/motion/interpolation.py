@@ -91,9 +91,8 @@ def _kept_grid(time: bytes) -> SplineGrid:
 
 
 def time_splines(time: FloatArray, start: float, stop: float, count: int) -> FloatArray:
-    """Cubic B-splines (..., count), even over [start, stop] s, at `time` (...) s: their sum is one.
-
-    One alone is a constant. Outside of the range they are what they are at its ends. Read only.
+    """Cubic B-splines (..., count), even over [start, stop] s, at `time` (...) s: their sum is one. One alone is a
+    constant. Outside of the range they are what they are at its ends. Read only.
     """
     times = np.ascontiguousarray(time, dtype=float)
     return _kept_splines(times.tobytes(), start, stop, count).reshape(*times.shape, count)

@@ -130,9 +130,8 @@ class Motion:
         return f"<Motion: {self.time.size} samples>"
 
     def delayed(self, tau: float) -> Motion:
-        """The whole motion tau seconds earlier, on the same shape; tau >= 0.
-
-        Before its first instant a motion is taken as steady: constant alpha and constant meridian rate.
+        """The whole motion tau seconds earlier, on the same shape; tau >= 0. Before its first instant a motion is taken
+        as steady: constant alpha and constant meridian rate.
         """
         if tau == 0.0:
             return self

@@ -87,7 +87,6 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
 
 def error_of_differentiation(record: InertialRecord) -> FloatArray:
     """Standard deviation (n,) of C_m and of C_n by the gyros' noise and the estimated bias of their differentiation.
-
     Positive too where errors that were taken out of an accepted record turned the sign of its dynamic pressure.
     """
     return np.asarray(np.hypot(record.rate_noise, record.spin_rate.rate_bias) / np.abs(record.moment_scale))

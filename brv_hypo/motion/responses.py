@@ -46,7 +46,6 @@ class Perturbation:
 
 def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
     """The flight with what each of some variants of it has otherwise: changes of channels, wind and vehicle are added.
-
     One after the other they would act on each other too: by which axis comes first, and so by how the axes are rolled.
     """
     changed: dict[str, Any] = {}
@@ -66,9 +65,8 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
 
 
 def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:
-    """The inertial records of flights that differ little from the one of `record`.
-
-    The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
+    """The inertial records of flights that differ little from the one of `record`. The filter that smooths the rates is
+    not chosen anew: a derivative must not see that choice.
     """
     before, time = record.flight, record.time
     turned = [k for k, flight in enumerate(flights) if _differ(flight, before, GYROS)]
@@ -142,7 +140,6 @@ def half_steps(
     samples: int, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[Any]]
 ) -> Iterator[tuple[list[Any], list[Any]]]:
     """What half a step more and half a step less of each of some things makes, so many at once that it stays small.
-
     `moved` answers to things and a share of them; differences are to be divided by `RESPONSE_STEP`.
     """
     remaining = iter(each)

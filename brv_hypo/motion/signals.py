@@ -155,9 +155,8 @@ def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
 
 
 def with_smooth_air(flight: Flight) -> Flight:
-    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
-
-    The density is far smoother than the pressure, which follows drag and lift through the speed.
+    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments. The density
+    is far smoother than the pressure, which follows drag and lift through the speed.
     """
     speed = smooth_channel(flight, flight.velocity)
     density = flight.dynamic_pressure / speed**2

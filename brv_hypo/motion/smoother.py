@@ -97,7 +97,6 @@ class MeasurementModel:
 
     def gain(self, xi: ComplexArray, coefficients: FloatArray, turn: ComplexArray) -> ComplexArray:
         """Derivative of that by the two parts of a shift of the crossflow (n, 2), which `turn` (n,) turns to the body.
-
         Along the crossflow a slope that bends, and alpha over its sine, gain more than across it.
         """
         size = np.abs(xi)
@@ -116,7 +115,6 @@ class MeasurementModel:
 
     def by_errors(self, modelled: ComplexArray, rows: slice) -> ComplexArray:
         """What errors of the record add to the observation less what the model makes of it (rows, e) at one crossflow.
-
         An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
         """
         added = self.kept.all_of(self.effects, rows)
@@ -199,9 +197,8 @@ class WalkEquations:
         return np.asarray(-(answer[0::2] + 1j * answer[1::2]))
 
     def solve(self, mean: FloatArray, information: FloatArray, damping: float = 0.0) -> WalkSolution:
-        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k, k), 0 where free.
-
-        The globals are kept near 0 by a share `damping` of what the measurements say of each.
+        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k, k), 0 where free. The
+        globals are kept near 0 by a share `damping` of what the measurements say of each.
         """
         normal = self.gram[1:, 1:] + information + damping * np.diag(np.diag(self.gram)[1:])
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))

@@ -133,7 +133,7 @@ def test_flights_share_coefficients_and_keep_their_own_gravity():
     assert both.status == "converged"
     assert len(both.terms) == len(columns)
     assert both.problem.flights == (0, 1)
-    assert "gravity x [flight 1]" in both.problem.theta
+    assert "gravity 1 [flight 1]" in both.problem.theta
     assert len(both.instruments) == 2 * len(alone.instruments)
     for together, single, true in zip(both.terms, alone.terms, pair[0].coefficients, strict=True):
         assert together.std_error < single.std_error

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from brv_hypo.identification.identify import Problem, build_problem
 from brv_hypo.likelihood.collocation import Differenced, Function, Model, Points, evaluate, jacobian, start_points
 from brv_hypo.likelihood.segment import build_grid
-from brv_hypo.linearisation.response import GRAVITY
+from brv_hypo.linearisation.response import GRAVITY_ERRORS
 from tests.studies.identification.study import flights, trial
 
 
@@ -55,7 +55,7 @@ def agree(function: Function, other: Function, points: Points, theta: dict[str, 
 def test_one_difference_is_enough_by_what_the_equations_are_affine_in(seed: int) -> None:
     made, points, theta = moved("damping", seed)
     assert "error of q [flight 0]" in made.affine
-    assert f"{GRAVITY[0]} [flight 0]" not in made.affine
+    assert f"{GRAVITY_ERRORS[0]} [flight 0]" not in made.affine
     for function in (made.model.dynamics, made.model.outputs):
         agree(Differenced(function, made.affine), function, points, theta)
 

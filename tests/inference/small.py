@@ -69,7 +69,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         coefficients=np.linalg.inv(triangle),
         blocks=tuple(blocks),
         groups=groups,
-        moment=1.0,
+        modelled=np.ones(1, dtype=complex),
         static=1.0,
         counted=np.ones(count, dtype=bool),
     )
