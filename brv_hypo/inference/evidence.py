@@ -476,10 +476,11 @@ class _Factor:
 def _factors(rows: Rows, at: FloatArray) -> dict[int, _Factor]:
     """Those of each flight with all of its rows, the same beside any terms; of the latest amplitudes they are kept."""
     key, known = _amplitudes(rows, at).tobytes(), rows.factors
-    known[key] = known.pop(key, None) or _factored(rows.products, rows, at)
+    found: dict[int, _Factor] = known.pop(key, None) or _factored(rows.products, rows, at)
+    known[key] = found
     if len(known) > _KEPT:
         del known[next(iter(known))]
-    return known[key]
+    return found
 
 
 def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
