@@ -100,15 +100,13 @@ class NetInterval(NullIsNaN):
 
 
 class RankedHypothesis(NullIsNaN):
-    """One hypothesis as fitted and scored.
-
-    `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
-    against the largest model compared, `prediction_error` the mean square error of the moment coefficients
-    on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
+    """One hypothesis as fitted and scored. `f_ratio` is of the mechanism's terms together against the baseline (None
+    for `none`), `cp` Mallows' C_p against the largest model compared, `prediction_error` the mean square error of the
+    moment coefficients on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
     `log_likelihood` are at `n_effective` samples: the whitened rows of all channels, averaged where noise is white, as
-    independent as whitening makes them; what it does not reach lowers the weight of evidence instead.
-    `criteria`: the seven of 3.3.2 and the usual others.
-    `knots` are the ends of the regions of `terms` by Mach number, where flights share them by it; empty elsewhere.
+    independent as whitening makes them; what it does not reach lowers the weight of evidence instead. `criteria`: the
+    seven of 3.3.2 and the usual others. `knots` are the ends of the regions of `terms` by Mach number, where flights
+    share them by it; empty elsewhere.
     """
 
     rank: int
@@ -179,7 +177,6 @@ class BaselineSummary(NullIsNaN):
 
 class Adequacy(NullIsNaN):
     """`ratio`: rms residual of the leader, beside all processes and errors within tolerances, over the record's noise.
-
     `p_value`: probability of so large a ratio where the record states its noise well; it decides nothing. `adequate`:
     what the residual has beyond the noise is less than the leader explains, or than the noise; something outside the
     list has no probability of 0.9 or more; and the leader needs no value that no body has.
@@ -207,12 +204,11 @@ LEAST_PROCESS = 1e-3  # share of the static moment above which a process is show
 
 
 class ProcessEstimate(NullIsNaN):
-    """A process beside the leader: rms `size` with its standard error, in `units`.
-
-    `size`: the rms of the moment coefficient that it makes, of instruments and air that of its splines' coefficients.
-    `share_of_moment`: that over the moment's rms, of instruments and air by the rates that they make. `tolerance`: one
-    unit of its amplitude, an ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a
-    simulation plants it again, under `mechanisms` or `instruments.errors`; empty of one below `LEAST_PROCESS`.
+    """A process beside the leader: rms `size` with its standard error, in `units`. `size`: the rms of the moment
+    coefficient that it makes, of instruments and air that of its splines' coefficients. `share_of_moment`: that over
+    the moment's rms, of instruments and air by the rates that they make. `tolerance`: one unit of its amplitude, an
+    ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a simulation plants it again,
+    under `mechanisms` or `instruments.errors`; empty of one below `LEAST_PROCESS`.
     """
 
     name: str
@@ -238,12 +234,11 @@ class ProcessEstimate(NullIsNaN):
 
 class MechanismLimit(NullIsNaN):
     """The largest share of the moment's rms that a mechanism may have, at 95 %, and that as an rms moment coefficient;
-    `share_in_part_95` where it does not act throughout, as trim and the baseline do (NaN of the leader).
-
-    NaN where nothing is adequate, or the record says nothing of the mechanism's size. `coefficients_95`: by term the
-    largest size of its coefficient if the mechanism acts for a quarter of the record or longer beside the leader, not
-    always; empty of the leader, and of mechanisms with a delay. `share_of_moment`: that of the leader as estimated,
-    with its standard error; NaN of others.
+    `share_in_part_95` where it does not act throughout, as trim and the baseline do (NaN of the leader). NaN where
+    nothing is adequate, or the record says nothing of the mechanism's size. `coefficients_95`: by term the largest size
+    of its coefficient if the mechanism acts for a quarter of the record or longer beside the leader, not always; empty
+    of the leader, and of mechanisms with a delay. `share_of_moment`: that of the leader as estimated, with its standard
+    error; NaN of others.
     """
 
     mechanism: str
@@ -284,12 +279,23 @@ def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
 
 def beyond_text(errors: Sequence[RecordError], model: str, outcome: str = "") -> str:
     """The largest of those beside a `model` in a sentence, and what they may be where none is adequate; else empty."""
-    beyond = beyond_tolerances(errors)
     poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
-    said = [f"{each.name} {each.stated} ({abs(each.tolerances):.1f} times)" for each in beyond[:BEYOND_NAMED]]
-    listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
-    fitted = f"Beside {hypothesis(model)} and processes, errors are beyond their tolerances (--instruments){poses}"
-    return f"{fitted}: {listed}." if beyond else ""
+    said = [f"{each.name} {each.stated} ({abs(each.tolerances):.1f} times)" for each in beyond_tolerances(errors)]
+    beside = f"Beside {hypothesis(model)} and processes, errors are"
+    return _listed(f"{beside} beyond their tolerances (--instruments){poses}", said)
+
+
+def within_text(errors: Sequence[RecordError]) -> str:
+    """Those within their tolerances that the largest of so many estimates is by chance only so often, in a sentence."""
+    beyond, level = beyond_tolerances(errors), beyond_level(len(errors))
+    known = [each for each in errors if each not in beyond and abs(each.value) > level * each.std_error]
+    said = [f"{e.name} {estimated(e.value, e.std_error)}{'' if e.units == '1' else f' {e.units}'}" for e in known]
+    return _listed("Errors within the tolerances of the record, estimated", said)
+
+
+def _listed(what: str, said: Sequence[str]) -> str:
+    more = f", and {len(said) - BEYOND_NAMED} more" if len(said) > BEYOND_NAMED else ""
+    return f"{what}: {', '.join(said[:BEYOND_NAMED])}{more}." if said else ""
 
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
@@ -391,11 +397,9 @@ def percent(share: float) -> str:
 
 
 class Comparison(HasCharts, Result):
-    """The ranking of the hypotheses with its verdict.
-
-    `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for
-    one flight, and where all have the same clock. The `flight` of `functions` counts from 0.
-    `disagreements` say where criteria put different hypotheses first.
+    """The ranking of the hypotheses with its verdict. `reference_flight`: number (from 1) of the one of several flights
+    in whose time regions and knots are told; None for one flight, and where all have the same clock. The `flight` of
+    `functions` counts from 0. `disagreements` say where criteria put different hypotheses first.
     """
 
     schema_: str = Field(default="brv-hypo/compare/1", alias="schema")

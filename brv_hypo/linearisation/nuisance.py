@@ -110,9 +110,7 @@ def beyond_level(count: int) -> float:
 
 
 def beyond_tolerance(label: str, value: float, size: float, units: str, count: int) -> str | None:
-    """In words, that the data want an error of so much, though its tolerance (1 sigma) is `size`; None where one of so
-    many may be so large.
-    """
+    """In words, that the data want an error of so much (1 sigma: `size`); None where one of so many may be so large."""
     times = abs(value) / size
     stated = f"{value:.3g}" + ("" if units == "1" else f" {units}")
     return f"{label} is {stated}, {times:.1f} times its tolerance" if times > beyond_level(count) else None
@@ -193,11 +191,11 @@ def nuisances(
                 for name, component, history, value, noise in linearised.motion()
             ]
         errors = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
-        missing = [each for each in errors if (repr(each[0]), each[1].name) not in known]
+        missing = [each for each in errors if _key(*each[:2]) not in known]
         changes = linearised.effects((effect, component.name, component.size) for effect, component, _ in missing)
         for (effect, component, _), history in zip(missing, changes, strict=True):
-            known[repr(effect), component.name] = _kept(grid, history.at(samples))
-        of_record = ((item, known[repr(effect), component.name], None) for effect, component, item in errors)
+            known[_key(effect, component)] = _kept(grid, history.at(samples))
+        of_record = ((item, known[_key(effect, component)], None) for effect, component, item in errors)
         of_vehicle = (
             (item, _kept(grid, history), None)
             for mechanism in vehicle
@@ -220,6 +218,11 @@ def nuisances(
         if not mechanism.of_each_flight(flights[0].record.flight):
             whole = with_shared(whole, frame, mechanism)
     return whole
+
+
+def _key(effect: RecordEffect, component: Component) -> tuple[str, str]:
+    """By which a history is kept: the effect with all that was set of it, as the splines of a process."""
+    return f"{effect!r} {vars(effect)}", component.name
 
 
 def _kept(grid: DecimatedGrid, history: Histories) -> Histories:

@@ -60,9 +60,7 @@ class ChangedSchedule(Mechanism):
 
 
 def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray) -> Evidence:
-    """The same with coefficients `fixed` (columns,), NaN where one is free, within their covariance (fixed columns,
-    fixed columns), but slope and damping as such.
-    """
+    """The same with coefficients `fixed` (columns,), NaN: free, within their covariance but for slope and damping."""
     rows, known = own.rows, np.flatnonzero(~np.isnan(fixed))
     x = rows.of_moments(rows.frame, columns)
     changed = ChangedSchedule()
@@ -84,7 +82,6 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
 
 def find_local_change(own: Evidence, beside: Evidence) -> LocalChange | None:
     """The change of slope or damping, against before and after, that explains most; None where chance gives as much.
-
     Where it is, is found without processes, which take up a change that is not short; that it is, has to be significant
     `beside` them too, and errs by as much as there: what is smooth throughout is no change between two times.
     """
@@ -127,7 +124,6 @@ def find_differences(
     own: Evidence, terms: Sequence[TermEstimate], fixed: FloatArray, covariance: FloatArray
 ) -> tuple[Difference, ...]:
     """The fewest frozen coefficients whose release improves the agreement as much as any, one at least, surest first.
-
     `terms` are those of all columns, `fixed` (columns,) frozen values, NaN where there is none, `covariance` (fixed
     columns, fixed columns) theirs.
     """

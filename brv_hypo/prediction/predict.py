@@ -373,10 +373,9 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
 
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
-    """Variance of the residual moments' noise over that of the measured ones' (n,).
-
-    `stiffness` (n,) 1/s^2 is the static moment's slope, times its scale; negative where it restores. Slower than the
-    `modes` of the walk that is fitted, the noise is dealt with there.
+    """Variance of the residual moments' noise over that of the measured ones' (n,). `stiffness` (n,) 1/s^2 is the
+    static moment's slope, times its scale; negative where it restores. Slower than the `modes` of the walk that is
+    fitted, the noise is dealt with there.
     """
     spin, flight = record.spin_rate, record.flight
     frequency = np.pi * (np.arange(BAND_FREQUENCIES) + 0.5) / BAND_FREQUENCIES
@@ -423,9 +422,7 @@ def band_of(
     model_sigma: FloatArray,
     flown: BoolArray,
 ) -> Band:
-    """The band with the share of the samples that it holds where the model is known (rows,), both axes together;
-    `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
-    """
+    """The band and the share of samples in it where the model is known; `model_sigma`: its own part of `sigma`."""
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]

@@ -32,9 +32,8 @@ class ModelSource(NullIsNaN):
 
 
 class ErrorsOfPrediction(NullIsNaN):
-    """Mean squares of the moment coefficients, both axes together.
-
-    `without` a model: as measured; less the `frozen` model; less the same model refitted here (`own`); of the `noise`.
+    """Mean squares of the moment coefficients, both axes together. `without` a model: as measured; less the `frozen`
+    model; less the same model refitted here (`own`); of the `noise`.
     """
 
     without: float
@@ -53,11 +52,10 @@ class Region(NullIsNaN):
 
 
 class LocalChange(NullIsNaN):
-    """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop.
-
-    More than before and after: what is off throughout is no change.
-    `mach` are the Mach numbers there, None where they are unknown; `f_ratio` is of one coefficient without
-    processes, `p_value` is paid for all terms and regions that were tried; `std_error` is that beside processes.
+    """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop. More
+    than before and after: what is off throughout is no change. `mach` are the Mach numbers there, None where they are
+    unknown; `f_ratio` is of one coefficient without processes, `p_value` is paid for all terms and regions that were
+    tried; `std_error` is that beside processes.
     """
 
     term: str
@@ -72,9 +70,8 @@ class LocalChange(NullIsNaN):
 
 
 class Difference(NullIsNaN):
-    """A frozen coefficient that differs from this flight's, those that are not named within their errors.
-
-    `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
+    """A frozen coefficient that differs from this flight's, those that are not named within their errors. `value` is
+    what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
     `alternatives`: terms of which one in its place would explain this flight nearly as well.
     """
 
@@ -94,10 +91,9 @@ Series = tuple[float, ...]
 
 class Band(NullIsNaN):
     """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
-
     Record and vehicle err within their tolerances, by what this flight shows: that is no error of the model. Counted
-    where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the
-    noise where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the noise
+    where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
     """
 
     level: float
@@ -110,14 +106,13 @@ class Band(NullIsNaN):
 
 
 class Prediction(HasCharts, Result):
-    """What a frozen model says of a flight; `ratio` is the error with it over that without.
-
-    `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
-    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there. `refused`:
-    there is a `local_change` of slope or damping, or `difference` (and further ones) is more than chance makes it; None
-    where there is none, or no coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and
-    with coefficients as this flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out`
-    are mechanisms that belong to the times of the model's own flights.
+    """What a frozen model says of a flight; `ratio` is the error with it over that without. `explained` is the share of
+    the moments' mean square, noise aside, that the frozen model explains where the flights that it was found on flew in
+    Mach number and angle of attack; `flown` is the share of the samples there. `refused`: there is a `local_change` of
+    slope or damping, or `difference` (and further ones) is more than chance makes it; None where there is none, or no
+    coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients as this
+    flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that belong
+    to the times of the model's own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -176,12 +171,10 @@ _NOWHERE = (
 
 
 def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
-    """The outcome in a few sentences.
-
-    `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
-    square: what the frozen model leaves (`left`), and what it would if record and vehicle erred within their tolerances
-    (`freed`); `remedy` is what `--refit` would name as well for that. What contradicts the model beside these errors it
-    does not mend, unless it names the very coefficient.
+    """The outcome in a few sentences. `own` is the share that the same model explains where it is fitted here. Of the
+    whole record, as shares of the mean square: what the frozen model leaves (`left`), and what it would if record and
+    vehicle erred within their tolerances (`freed`); `remedy` is what `--refit` would name as well for that. What
+    contradicts the model beside these errors it does not mend, unless it names the very coefficient.
     """
     band, noise, helps, refitted = found.band, found.error.noise, "", remedy.split(",")
     differences = filter(None, (found.difference, *found.further_differences))

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.comparison.result import beyond_text
+from brv_hypo.comparison.result import beyond_text, within_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.mechanisms.registry import compared, plugin_files
@@ -19,6 +19,7 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
+from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
@@ -137,6 +138,7 @@ def trace_document(result: Trace) -> Document:
         "" if sound else CONTRADICTED,
         _found_text(result),
         f"Hints, no findings: {result.hints_in_words}. {next_step(result)}" if result.hints else "",
+        "" if result.added else next_data(result.steps[0]),
         result.static_stability or stable,
         result.dynamic_stability,
         " ".join((*(text.removeprefix(f"{tables.COLLINEAR_MARK} ") for text in collinear), DAMPING_AS_ESTIMATED))
@@ -145,6 +147,7 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors, "the final model"),
+        within_text(result.record_errors),
     )
     names = [each.model for each in result.account]
     account = [
@@ -234,6 +237,25 @@ def next_step(result: Trace) -> str:
     )
 
 
+_DATA = {  # what tells of a family what it is
+    "stiffness": "a table (--aero); an error of the air's density changes axial force over dynamic pressure as much",
+    "rate": "a table or test of the damping, or a flight at other amplitudes",
+    "side": "a flight at another roll rate: a side moment of the roll rate changes with it",
+    "body": "its c.g. and principal axes as measured; or rates where no air acts: there a drift of the gyros shows",
+    "harmonic": "both transverse inertias as measured, and the shape about the axis",
+    "air": "winds and densities from another source; axial force over dynamic pressure, which density changes",
+    "gyros": "rates where no air acts, and the gyros as calibrated",
+    "accelerometers": "their place and bias as measured",
+    "data quality": "clocks and inertias as measured",
+}
+
+
+def next_data(step: Step) -> str:
+    """How to go on where nothing was added: the family that explains most, and what would tell what it is."""
+    first = next(filter(is_sure, step.decomposition), None)
+    return "" if step.residual.white or first is None else f"To go on: {first.family} first, by {_DATA[first.family]}."
+
+
 def _step(step: Step) -> list[Block]:
     ordered = sorted(step.candidates, key=lambda row: -row.f_ratio)
     candidates = [
@@ -251,10 +273,13 @@ def _step(step: Step) -> list[Block]:
     doubtful = [each for each in step.decomposition if not is_sure(each)]
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
+    known = sorted(step.decomposition, key=lambda each: -each.evidence)
+    gains = [f"{each.family} {each.evidence:.0f} nats" for each in known if each.evidence > SPECIFIC]
     words = [f"{row.effect}: {row.description}." for row in ordered if row.kind == "discovered" and row.description]
     done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = (
         f"By family: {families}." if families else "",
+        f"Evidence of each beside all others: {', '.join(gains)}." if gains else "",
         outcome_text(step),
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )

@@ -61,10 +61,8 @@ HINT_REPEATED = 0.5  # below which another effect explains the record as well: n
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect as fitted, beside the fit without it (`null`).
-
-    `applied` are the components of a record effect that its columns are. `evidence` is the log evidence that it gains
-    beside all processes, nats, once that is known.
+    """One effect as fitted, beside the fit without it (`null`). `applied` are the components of a record effect that
+    its columns are. `evidence` is the log evidence that it gains beside all processes, nats, once that is known.
     """
 
     kind: Kind
@@ -188,11 +186,10 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate with the model that it makes (`fit`) and the one `before`.
-
-    What `has_tolerance` is fixed at zero before, though every other fit has it within that. `gain`, where `agrees`: of
-    the log evidence beside all processes or, up to none, in the place of its family's. Beside a `white` residual the
-    evidence has to want it clearly. `may_be_named`: so it does, or no other family explains most of the residual.
+    """A candidate with the model that it makes (`fit`) and the one `before`. What `has_tolerance` is fixed at zero
+    before, though every other fit has it within that. `gain`, where `agrees`: of the log evidence beside all processes
+    or, up to none, in the place of its family's. Beside a `white` residual the evidence has to want it clearly.
+    `may_be_named`: so it does, or no other family explains most of the residual.
     """
 
     candidate: Candidate
@@ -242,13 +239,12 @@ class Tried:
 
     @property
     def agrees(self) -> bool:
-        """Whether the blocks that decide agree.
-
-        The error of moments and force has to fall significantly, and that of the moments alone, but for an error of the
-        record: it may show in the specific force, and must not make the moments significantly worse then. What every
-        fit has within its tolerance has nothing to predict that others within theirs could not: that it must be larger
-        is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
-        read anew with the effect taken out, which the stretches' own scatter does not know of.
+        """Whether the blocks that decide agree. The error of moments and force has to fall significantly, and that of
+        the moments alone, but for an error of the record: it may show in the specific force, and must not make the
+        moments significantly worse then. What every fit has within its tolerance has nothing to predict that others
+        within theirs could not: that it must be larger is judged by the fitted part alone. Worse by less than noise
+        scatters such an error is not worse: the record is read anew with the effect taken out, which the stretches' own
+        scatter does not know of.
         """
         ratio, error = self.ratios["deciding"]
         no_worse = ratio < 1.0 + max(HELD_OUT_WORSE * error, self._scatter)
@@ -395,9 +391,7 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
 
 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
-    """Try the candidates that count on the held-out part, the best first, until one is accepted; schedules before it,
-    where the model has none, and nothing that explains far less in its place.
-    """
+    """Candidates on the held-out part, best first, till one is accepted; a first schedule before all others."""
     ranked = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
     first, tried = () if has_schedule(fit.model) else schedules_first(ranked), list[Tried]()
     choice = Choice(fit, (*first, *(candidate for candidate in ranked if candidate not in first)))

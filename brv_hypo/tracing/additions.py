@@ -31,9 +31,7 @@ Variant = tuple[Applied, ...]
 def analyse_step(
     fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], describe: bool = False
 ) -> tuple[Fit, tuple[Candidate, ...]]:
-    """Every candidate beside a model, to `describe` the best entry of the dictionary too, on the fitted part of
-    linearised flights, and the fit under the noise that they show.
-    """
+    """Every candidate beside a model, `describe`: the dictionary's best too; the fit under the noise that they show."""
     model = fit.model
     catalogue: dict[str, list[Variant]] = {}
     for effect in effects:  # one that the model has on some of the flights is tried on the others
@@ -101,9 +99,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
-    """A record effect brought closer to its best variant, and the fit with those histories; however little it gains:
-    a quarter of a second off its time, a step of the wind may look like nothing.
-    """
+    """A record effect closer to its best variant, however little it gains; the fit with those histories."""
     for _ in range(RECORD_EFFECT_CLOSER):
         best = candidate.applied[0]
         variants = _variants_of({best.flight: fit.data.records[best.flight].flight}, best.effect)
@@ -143,9 +139,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
 def _offered(
     problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
 ) -> tuple[Regressor, ...]:
-    """The columns at these thetas: those that follow the motion are shared by all flights, those that follow time or
-    belong to the vehicle are of each flight that has none yet.
-    """
+    """The columns at these thetas; what follows time or is of the vehicle is of each flight that has none yet."""
     own = mechanism.of_each_flight(frame.reconstructions[0].flight)
     offered = () if own else candidates(mechanism, frame.motions[0], np.zeros(0), thetas)
     with_own = {column.flight for column in problem.baseline if column.mechanism == mechanism.name}

@@ -33,11 +33,9 @@ TRACED_SMOOTH_DEGREE = 3  # of that function
 
 def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline: Baseline = "constant") -> Model:
     """The columns of the baseline: constant coefficients, a stiffness that follows Mach and Reynolds number, or that of
-    a table; and, without columns, further mechanisms and what its static moment may be more.
-
-    That is a bend that a body with its slope may have, unless a table by angle of attack or a column has it, and a
-    schedule where it follows Mach number.
-    Raises UnanswerableError where a record has no Mach number at which a table could be read.
+    a table; and, without columns, further mechanisms and what its static moment may be more. That is a bend that a body
+    with its slope may have, unless a table by angle of attack or a column has it, and a schedule where it follows Mach
+    number. Raises UnanswerableError where a record has no Mach number at which a table could be read.
     """
     flights, aero = source.records, source.config.aero
     table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))

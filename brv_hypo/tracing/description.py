@@ -92,9 +92,7 @@ class Entry:
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
-    """The dictionary for these flights, without quantities that a record lacks or that hardly change; of several
-    flights what all share, nothing that follows the record's time.
-    """
+    """The dictionary for these flights, without quantities that a record lacks; of several, what all share."""
     one = len(motions) == 1
     found = [*(_turning(motions[0]) if one else ()), *_throughout()]
     for quantity in list(_QUANTITIES) if one else list(_QUANTITIES)[:-1]:

@@ -12,9 +12,10 @@ raises the evidence most (forward selection). Entrance: `beside_processes`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,12 +25,12 @@ from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.problem import given_column
+from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
-from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.contract import MomentProcess, Process, RecordEffect, RecordProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
@@ -39,10 +40,13 @@ from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, NORMAL_95, 
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
 from brv_hypo.tracing.result import Family, ProcessHistory
 
-FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
+# At least, where families are compared: of each shape of a process of moments, as of the damping; of each channel's
+# error, as of the turbulence, next to the 40 of the body's random moments.
+FAMILY_SPLINES, FAMILY_RECORD_SPLINES = 12, 36
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
 RECORD_SHARE_LARGEST = 1.0  # of what is measured, that an error in proportion to it may be: then nothing was measured
 RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
+_Process = TypeVar("_Process", MomentProcess, RecordProcess)
 _PLACES = 9  # at which the history of a process is reported
 
 
@@ -57,6 +61,8 @@ class Beside:
     """That of each effect."""
     start: FloatArray
     """Logarithms of noise and amplitudes beside all of it."""
+    problem_with: Callable[[Sequence[RecordEffect]], Problem]
+    """The problem with processes of the record."""
 
     @cached_property
     def _known(self) -> dict[tuple[tuple[str, ...], tuple[str, ...] | None], Evidence]:
@@ -77,9 +83,7 @@ class Beside:
         return float(np.sum(self.evidence(names, ()).residual ** 2))
 
     def _of_processes(self, names: Sequence[str], families: Sequence[str] = ()) -> float:
-        """Fall of the squares by those processes, of all or some families, that the evidence wants beside effects:
-        others take noise alone with them.
-        """
+        """Fall of the squares by those processes that the evidence wants beside effects: others take noise alone."""
         last = [self.evidence(names, ()), *(own for _, own in self._selected(names, families))][-1]
         return self._squares(names) - float(np.sum(last.residual**2))
 
@@ -140,11 +144,10 @@ class Beside:
         return self._squares([]) - self._squares(names) >= self._of_processes(names)
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
-        """What effects and then families of processes explain of the residual, the largest first, with intervals of the
-        jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
-        """
-        selected = self._finer._selected(names)
-        order = [*(self.families[name] for name in names), *(family for family, _ in selected)]
+        """What effects, then families explain of the residual, with intervals (jackknife over stretches of time)."""
+        finer, selected = self._with_finer, self._with_finer._selected(names)
+        known_by = [family for family, _ in selected]  # its processes
+        order = [*(self.families[name] for name in names), *known_by]
         found_without = [self.evidence(names[:count], ()) for count in range(len(names) + 1)]
         residuals = [each.residual for each in (*found_without, *(own for _, own in selected))]
         squares = [np.bincount(self.rows.time_blocks, weights=each**2).astype(float) for each in residuals]
@@ -155,17 +158,22 @@ class Beside:
         found = []
         for family, fall in falls.items():
             share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
+            # Efron and Stein, Ann. Statist. 9, 1981.
             error = NORMAL_95 * jackknife_error((fall.sum() - fall) / np.maximum(left_out, 1e-300))
             low, high = np.clip([share - error, share + error], 0.0, 1.0).tolist()
             known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
+            if family in known_by:
+                others = [each for each in known_by if each != family]
+                known["evidence"] = selected[-1][1].level - finer.evidence(names, others).level
             effects = tuple(name for name in names if self.families[name] == family)
             found.append(Family.model_validate({**known, "effects": effects, "history": histories.get(family)}))
         return tuple(sorted(found, key=lambda each: -each.share))
 
     @cached_property
-    def _finer(self) -> Beside:
-        """With every history of a moment nearly as fine, so that no family explains more by its resolution alone."""
-        finer = rows_of(self.rows.problem, self.point, _finer_processes())
+    def _with_finer(self) -> Beside:
+        """With every history nearly as fine, so that no family explains more by its resolution alone."""
+        own, problem = self.rows.problem.rows, self.problem_with(_finer(record_processes()))
+        finer = rows_of(problem.on(own.part).under(own.noise), self.point, _finer(moment_processes()))
         return replace(self, rows=replace(finer, y=self.rows.y))  # what was added to the record is not taken out of it
 
     @cached_property
@@ -191,10 +199,8 @@ class Beside:
         return found
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
-        """Of each family, the history of the process that makes most of the record, on the first flight: its
-        coefficient where it has one shape, else the length of its coefficients.
-        """
-        every: tuple[Process, ...] = (*_finer_processes(), *record_processes())
+        """Of each family the largest process's history on the first flight; of several shapes the length."""
+        every: tuple[Process, ...] = (*_finer(moment_processes()), *_finer(record_processes()))
         processes, groups = {process.name: process for process in every}, own.rows.groups
         sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
         motion, found = self.rows.frame.motions[0], dict[str, ProcessHistory]()
@@ -222,9 +228,7 @@ class Beside:
 def beside_processes(
     fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Histories] | None = None
 ) -> Beside:
-    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record;
-    `given` are histories that may become columns.
-    """
+    """What a fit has more than a model `before`, beside all processes; `given`: histories that may be columns."""
     model, data, count = fit.model, fit.data, len(before.columns)
     base, added = model.columns[:count], model.columns[count:]
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
@@ -235,8 +239,8 @@ def beside_processes(
         key = (each.effect.name, each.component)
         corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
     bare = model.but(columns=base, applied=before.applied, mechanisms=before.mechanisms)
-    read = replace(data, corrections=tuple(corrections))
-    problem = read.regression(bare, fit.linear, histories, record_processes()).on(part or data.whole)
+    problem_with = partial(replace(data, corrections=tuple(corrections)).regression, bare, fit.linear, histories)
+    problem = problem_with(record_processes()).on(part or data.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
@@ -266,12 +270,13 @@ def beside_processes(
         families[name] = own[0].effect.family
         if not has_tolerance(problem, name):
             shift += x @ np.array([each.value for each in own])
-    return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
+    return Beside(point, replace(rows, y=rows.y + shift), terms, families, start, problem_with)
 
 
-def _finer_processes() -> tuple[MomentProcess, ...]:
-    """The processes of the moment, each shape with `FAMILY_SPLINES` at least."""
-    return tuple(each.model_copy(update={"splines": max(each.splines, FAMILY_SPLINES)}) for each in moment_processes())
+def _finer(processes: Sequence[_Process]) -> list[_Process]:
+    """The processes, with no fewer splines than where families are compared."""
+    least = [FAMILY_RECORD_SPLINES if isinstance(each, RecordProcess) else FAMILY_SPLINES for each in processes]
+    return [each.model_copy(update={"splines": max(each.splines, n)}) for each, n in zip(processes, least, strict=True)]
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:

@@ -74,11 +74,10 @@ class Flights:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The records of flights without what a model takes out of them, reconstructed.
-
-    Blocks held out of the fit are `deciding` what is added, or `reported`: their errors take no part in any choice.
-    `corrections`, one a flight, are the errors that were found within the tolerances. The regression knows them by
-    their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
+    """The records of flights without what a model takes out of them, reconstructed. Blocks held out of the fit are
+    `deciding` what is added, or `reported`: their errors take no part in any choice. `corrections`, one a flight, are
+    the errors that were found within the tolerances. The regression knows them by their priors still, but is linearised
+    where those of the record are corrected and those of the vehicle act.
     """
 
     source: Flights
@@ -124,7 +123,6 @@ class Corrected:
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
         """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
-
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
@@ -148,9 +146,7 @@ class Corrected:
 
 
 def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
-    """Reconstruct the flights as the model reads their records, `corrections` out of each besides, and what the
-    reconstruction finds of the remaining errors within their tolerances.
-    """
+    """The flights as the model reads them, `corrections` out of each besides, reconstructed."""
     corrections = tuple(corrections) if corrections is not None else tuple({} for _ in source.records)
     points = [source.read(number, model, known) for number, known in enumerate(corrections)]
     records = tuple(record for record, _ in points)
@@ -167,10 +163,9 @@ Coefficients = tuple[tuple[Regressor, ...], FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Fit:
-    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
-
-    `noise` is that of the record, which the problem's is raised from to what the model leaves. `known` (columns +
-    unknowns,) are coefficients and nuisances that are not fitted, NaN for those that are; empty where all are.
+    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`. `noise` is
+    that of the record, which the problem's is raised from to what the model leaves. `known` (columns + unknowns,) are
+    coefficients and nuisances that are not fitted, NaN for those that are; empty where all are.
     """
 
     model: Model
@@ -212,9 +207,7 @@ class Fit:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """That of coefficients and then nuisances, 0 for those that are fixed; where none is, delays and knots are as
-        uncertain as the record leaves them.
-        """
+        """That of coefficients and nuisances, 0 of fixed ones; where none is, with what delays and knots err by."""
         problem, columns, frame = self.problem, self.model.columns, self.data.frame
         design, values, free = self.all_unknowns
         residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
@@ -299,9 +292,7 @@ class Fit:
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual; white is only what is no larger than noise. Of several flights, size and place are of
-        the one with the largest residual against its noise.
-        """
+        """Tests of the residual; size and place are of the flight with the largest residual against its noise."""
         data, left = self.data, self.left
         spans = [data.frame.span(number) for number in range(len(data.records))]
         ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
@@ -328,9 +319,7 @@ class Fit:
         )
 
     def on_whole_record(self) -> Fit:
-        """The same on the whole record, without histories that may become columns, with the effective share of samples
-        that the fitted part shows.
-        """
+        """The same on the whole record, its samples as effective as the fitted part's; no histories as columns."""
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
         fitted = replace(self, problem=problem.on(self.data.fitted))
@@ -350,9 +339,7 @@ class Fit:
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones; without a `noise`, under what
-    the record itself says, raised to what the model leaves.
-    """
+    """The fit, linear about coefficients (columns,) or plain ones; without `noise` under the record's, raised."""
     linear = data.linearised(model, first_values(data.frame, data.fitted, model.columns) if values is None else values)
     problem = data.regression(model, linear)
     own = estimated_noise(problem) if noise is None else noise
@@ -372,13 +359,11 @@ def converged(source: Flights, model: Model) -> Fit:
 
 
 def converged_from(fit: Fit) -> Fit:
-    """The same, from another point.
-
-    What errors do to the reconstruction is not small enough to be linear from the record as it is; nor are the errors
-    that the model holds, whose values follow. Knots and delays of the model are refined there. Last it is linearised
-    about its own coefficients: the first are of the rates' differences, and those of columns that are nearly one are
-    anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are linear about no point,
-    and the next is as good as chance.
+    """The same, from another point. What errors do to the reconstruction is not small enough to be linear from the
+    record as it is; nor are the errors that the model holds, whose values follow. Knots and delays of the model are
+    refined there. Last it is linearised about its own coefficients: the first are of the rates' differences, and those
+    of columns that are nearly one are anything. Where it fits worse, much is unexplained, errors far beyond their
+    tolerances are linear about no point, and the next is as good as chance.
     """
     fit, worse = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
     if worse:  # the record has none of the errors; what was found of the vehicle's moments acts
@@ -417,9 +402,7 @@ def _without_its_errors(fit: Fit) -> Fit:
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
-    """What is taken out of one flight's record from here on: its errors within their tolerances. `found` are whole
-    errors, with what was taken out `before` in them.
-    """
+    """What is taken out of one flight's record: its errors within tolerances; `found` are whole, with `before`."""
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     most = {(e.name, c.name): MODEL_PLAUSIBLE * c.size for e in nuisance_effects() for c in e.components(flight)}
     of_vehicle = {mechanism.name for mechanism in model.tolerated(flight)}

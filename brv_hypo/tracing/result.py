@@ -121,19 +121,18 @@ class ProcessHistory(NullIsNaN):
 
 
 class Family(NullIsNaN):
-    """What a family of effects and processes explains of the residual's mean square; which effects, largest process."""
+    """What a family explains of the residual's mean square; `evidence`: nats of its processes beside all others."""
 
     family: str
     share: float
     interval_95: Interval
+    evidence: float = 0.0
     effects: tuple[str, ...] = ()
     history: ProcessHistory | None = None
 
 
 class TriedCandidate(NullIsNaN):
-    """One effect as tried: `explains` is the share of the weighed squares that it saves; `near_equals` are effects
-    that this flight cannot tell from it.
-    """
+    """One effect as tried: `explains`: of the weighed squares; `near_equals`: what this flight cannot tell from it."""
 
     effect: str
     kind: Kind
@@ -152,16 +151,14 @@ class Errors(NullIsNaN):
 
 
 class Step(NullIsNaN):
-    """One turn of the loop. The first candidate is what was added, where anything was.
-
-    `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
-    `error_after` is that of the model with what was added or, where nothing was, with the best that was refused;
-    `error_ratio_held_out` is over the error without it: what every fit has within its tolerance is zero there.
-    `held_out_score`: the fall of the error of moments and specific force, in which an error of the record may show
-    alone, in standard errors. A finding lowers the held-out moment error by more than its uncertainty and most
-    repetitions with other blocks and knots name it; all else is a hint. `ratio_of_flights_left_out`: of several
-    flights, the ratio of the errors of each where what all share is known from the others alone. `decomposition` has
-    those of `families` that explain any.
+    """One turn of the loop. The first candidate is what was added, where anything was. `refused` is significant in the
+    fitted part and does not lower the held-out error, or few repetitions name it. `error_after` is that of the model
+    with what was added or, where nothing was, with the best that was refused; `error_ratio_held_out` is over the error
+    without it: what every fit has within its tolerance is zero there. `held_out_score`: the fall of the error of
+    moments and specific force, in which an error of the record may show alone, in standard errors. A finding lowers the
+    held-out moment error by more than its uncertainty and most repetitions with other blocks and knots name it; all
+    else is a hint. `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all
+    share is known from the others alone. `decomposition` has those of `families` that explain any.
     """
 
     step: int
@@ -288,11 +285,11 @@ class Trace(HasCharts, Result):
 
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""
-        rows = []
-        for step in self.steps:
-            residual = {"residual_rms": step.residual.rms, "white": step.residual.white}
-            errors = {f"{k}_before": value for k, value in step.error_before}
-            errors |= {f"{k}_after": value for k, value in step.error_after or ()}
-            own = {"step": step.step, "added": step.added, "standing": step.status, "named_in": step.named_in}
-            rows.append({**own, **residual, **errors, "error_ratio_held_out": step.error_ratio_held_out})
-        return rows
+        return [
+            {"step": step.step, "added": step.added, "standing": step.status, "named_in": step.named_in}
+            | {"residual_rms": step.residual.rms, "white": step.residual.white}
+            | {f"{k}_before": value for k, value in step.error_before}
+            | {f"{k}_after": value for k, value in step.error_after or ()}
+            | {"error_ratio_held_out": step.error_ratio_held_out}
+            for step in self.steps
+        ]

@@ -214,9 +214,7 @@ def _has_everywhere(name: str, model: Model, flights: int) -> bool:
 
 
 def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the effects whose moments are not wanted beside all others and processes; not schedules, which change
-    what the baseline is, nor what every fit has within its tolerance.
-    """
+    """Those of the effects, no schedules and without tolerances, that nothing wants beside all others and processes."""
     model, flights = fit.model, fit.data.flights
     known = [model.mechanisms[name] for name in names if name in model.mechanisms]
     removable = [m.name for m in known if m.follows != "mach" and all(m.tolerance(f) is None for f in flights)]
@@ -227,9 +225,7 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
-    """The steps, whose findings are hints where processes explain the flight as well as the effect, more than all that
-    was added, or those of the effect's family have much to explain beside it.
-    """
+    """The steps, their findings hints where processes beside the final model explain the flight as well or more."""
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
 
@@ -248,9 +244,7 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
 
 
 def beside_hints(steps: Sequence[Step]) -> list[Step]:
-    """The steps, whose findings are hints where the model had what earlier steps added and did not establish: what is
-    added beside it may make up for it.
-    """
+    """The steps, their findings hints where they rest on a hint, for which they may make up."""
     found = list[Step]()
     for step in steps:
         rests = any(each.status == "hint" for each in lasting_steps([*found, step])[:-1])

@@ -26,6 +26,7 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_text,
     beyond_tolerances,
+    within_text,
 )
 from brv_hypo.comparison.verdict import OTHER, with_prediction_error
 from brv_hypo.docs import text
@@ -334,6 +335,17 @@ class TestPython:
         inadequate = graded(None).model_copy(update=update)
         assert "(--instruments), which may be what the hypotheses lack: trim C_m0" in inadequate.conclusion()
         assert beyond_text(errors, "damping", "none adequate") in inadequate.conclusion()
+
+    def test_estimates_within_tolerances_are_said_where_they_are_sure(self) -> None:
+        """A planted trim of half a tolerance was in JSON alone; what chance makes of so many is not said."""
+        known = {"trim C_m0": (4e-5, 2e-6), "gyro_bias p": (3e-5, 2e-5), "trim C_n0": (1e-3, 2e-6)}
+        errors = tuple(
+            RecordError(name=name, value=value, std_error=error, units="1", tolerance=7e-5)
+            for name, (value, error) in known.items()
+        )
+        said = "Errors within the tolerances of the record, estimated: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
+        assert within_text(errors) == said
+        assert within_text(errors[1:]) == ""
 
     def test_trouble_of_the_maximum_likelihood_is_part_of_the_answer(self) -> None:
         fit = MaximumLikelihood(

@@ -61,7 +61,8 @@ def turning_for_a_while() -> tuple[Problem, HypothesisFit]:
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
     null = fit_hypothesis(given, "none", ())
     rows = rows_of(given, null)
-    beside = Beside(null, rows, {}, {}, np.array([0.0, *(group.prior[0] for group in rows.groups)]))
+    start = np.array([0.0, *(group.prior[0] for group in rows.groups)])
+    beside = Beside(null, rows, {}, {}, start, problem_with=lambda _: given)
     found = described_in_part(beside, replace(null, name="discovered_1"))
     assert found is not None
     return given, found

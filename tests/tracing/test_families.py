@@ -12,11 +12,19 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import FAMILIES, RecordEffect
-from brv_hypo.mechanisms.registry import find_installed, moment_processes
+from brv_hypo.mechanisms.registry import find_installed, moment_processes, record_processes
 from brv_hypo.model.model import Applied
+from brv_hypo.thresholds import FAMILY_SIGNIFICANT
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model
-from brv_hypo.tracing.families import FAMILY_SPLINES, Beside, _family_of, _finer_processes, beside_processes
+from brv_hypo.tracing.families import (
+    FAMILY_RECORD_SPLINES,
+    FAMILY_SPLINES,
+    Beside,
+    _family_of,
+    _finer,
+    beside_processes,
+)
 from brv_hypo.tracing.fit import Flights, converged, correct, fitted_about
 from tests.chains import judged_cone
 from tests.flights import nominal
@@ -55,12 +63,25 @@ def test_an_undeclared_effect_is_of_its_family_and_no_finding(kind: str) -> None
 
 
 def test_families_are_compared_at_one_resolution() -> None:
-    """Else a lobed moment within a part of the flight is a body-fixed one, whose history is finer."""
-    finer = {each.name: each for each in _finer_processes()}
-    for each in moment_processes():
-        assert finer[each.name].family == each.family
-        assert finer[each.name].splines == max(each.splines, FAMILY_SPLINES)
-        assert isinstance(finer[each.name], type(each))
+    """Else a lobed moment within a part of the flight is a body-fixed one, whose history is finer; so is a drift."""
+    every = [(own, FAMILY_SPLINES) for own in zip(moment_processes(), _finer(moment_processes()), strict=True)]
+    every += [(own, FAMILY_RECORD_SPLINES) for own in zip(record_processes(), _finer(record_processes()), strict=True)]
+    for (each, finer), fewest in every:
+        assert finer.family == each.family
+        assert finer.splines == max(each.splines, fewest)
+        assert isinstance(finer, type(each))
+
+
+@pytest.mark.slow
+def test_a_drift_has_histories_of_its_own_where_families_are_compared() -> None:
+    """Kept by its name alone, the first of the finer ones were those of the coarser."""
+    coarse, fine = beside_nothing(), beside_nothing()._with_finer
+    numbers = [[group.name for group in each.rows.groups].index("gyro_drift") for each in (coarse, fine)]
+    blocks = [(each.rows.blocks[0], k) for each, k in zip((coarse, fine), numbers, strict=True)]
+    drifts = [block.raw[:, block.columns[k]] for block, k in blocks]
+    assert [each.shape[1] for each in drifts] == [3 * 8, 3 * FAMILY_RECORD_SPLINES]
+    sums = [each[:, : each.shape[1] // 3].sum(axis=1) for each in drifts]  # of all splines: a constant bias
+    np.testing.assert_allclose(sums[0], sums[1], atol=1e-3 * np.max(np.abs(sums[0])))
 
 
 @pytest.mark.parametrize("stated", [None, "body", "rate"])
@@ -96,6 +117,7 @@ def test_shares_are_of_one_whole_and_within_their_intervals() -> None:
     for each in step.decomposition:
         assert each.interval_95[0] <= each.share <= each.interval_95[1]
         assert step.families[each.family] == each.share
+        assert each.evidence > FAMILY_SIGNIFICANT
 
 
 @pytest.mark.slow
@@ -128,7 +150,8 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
     beside = beside_nothing()
     assert beside.rows.shared.shape[1] > beside.rows.coefficients.shape[1]
     first = beside.shares([])[0]
-    squares = [float(np.sum(beside.evidence([], own).residual ** 2)) for own in ((), (first.family,))]
+    finer = beside._with_finer
+    squares = [float(np.sum(finer.evidence([], own).residual ** 2)) for own in ((), (first.family,))]
     assert first.share == pytest.approx(1.0 - squares[1] / squares[0], abs=1e-6)
 
 

@@ -12,10 +12,11 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import number, share
+from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.report.document import Bars, Line, Table, Texts, flat
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import plotly_chart
-from brv_hypo.report.trace import families_chart, families_text, trace_document
+from brv_hypo.report.trace import families_chart, families_text, next_data, trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
@@ -160,8 +161,8 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     traced = traced_trim()
     own = dict.fromkeys(("time_s", "mach", "alpha_rad", "values", "std_errors"), (1.0,))
     history = ProcessHistory(process="own_drift", title="a drift of one's own", units="1", **own)
-    family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), history=history)
-    small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
+    family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), evidence=200.0, history=history)
+    small = Family(family="air", share=0.02, interval_95=(0.0, 0.05), evidence=300.0)
     residual = traced.steps[0].residual.model_copy(update={"white": False})
     first = traced.steps[0].model_copy(update={"decomposition": (family, small), "residual": residual})
     times = number(1.0 / traced.steps[0].error_ratio_held_out, 2)
@@ -178,10 +179,33 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
         assert document.conclusion.splitlines()[0] == said
     texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
     assert f"By family: {shares[:-1]}; not surely above 0.5 %: air 2 %." in texts
+    assert "Evidence of each beside all others: air 300 nats, body 200 nats." in texts
     noise = first.model_copy(update={"residual": residual.model_copy(update={"white": True})})
     of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
     assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."
     assert document.ahead == ()
+
+
+def test_where_nothing_is_added_the_next_step_is_said() -> None:
+    """Once a trace without a name ended there; a family that holds most is what to look at, unless what is left is
+    noise."""
+    traced = traced_trim()
+    residual = traced.steps[0].residual.model_copy(update={"white": False})
+    update = {"decomposition": (Family(family="gyros", share=0.8, interval_95=(0.7, 0.9)),), "residual": residual}
+    step = traced.steps[0].model_copy(update={**update, "added": None})
+    said = "To go on: gyros first, by rates where no air acts, and the gyros as calibrated."
+    assert next_data(step) == said
+    assert said in trace_document(traced.model_copy(update={"steps": (step,), "findings": ()})).conclusion
+    assert next_data(step.model_copy(update={"decomposition": ()})) == ""
+    assert next_data(traced.steps[0].model_copy(update={"residual": residual.model_copy(update={"white": True})})) == ""
+
+
+def test_every_family_has_data_that_tell_what_it_is() -> None:
+    step = traced_trim().steps[0]
+    residual = step.residual.model_copy(update={"white": False})
+    for name in FAMILIES:
+        own = (Family(family=name, share=0.8, interval_95=(0.7, 0.9)),)
+        assert name in next_data(step.model_copy(update={"residual": residual, "decomposition": own}))
 
 
 def test_a_further_part_of_what_was_found_is_a_hint_and_ramps_are_in_its_table() -> None:
