@@ -22,7 +22,10 @@ from tests.comparison.pulse import fitted, problem
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfect_study import drawn_flight
 
-FLOWN = [("cone", "sticking", 13), ("biconic", "damping", 12), ("slender", "lag", 14)]
+FLOWN = [
+    ("cone", "sticking", 13),
+    *(pytest.param(*each, marks=pytest.mark.slow) for each in (("biconic", "damping", 12), ("slender", "lag", 14))),
+]
 
 
 @cache
