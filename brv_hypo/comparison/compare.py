@@ -221,8 +221,9 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         impossible = None if possible or excess is None else excess.words
         listed.append(Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
-        Candidate(fit.name, weighed(fit, own.level - null.level, weight), weight * own.held_out, words=words)
+        Candidate(fit.name, weighed(fit, own.level - null.level, each), each * own.held_out, words=words)
         for words, fit, own in outside(beside, hypotheses)
+        for each in (beside.weight_of(fit, own),)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2

@@ -98,6 +98,10 @@ class Judged:
         best = likeliest(self.fits)
         return next(k for k, fit in enumerate(self.fits) if fit is best)
 
+    def weight_of(self, fit: HypothesisFit, own: Evidence) -> float:
+        """What a nat of a hypothesis counts: as those of the leader, or by its own share where no mechanism leads."""
+        return self.weight * (1.0 if self.fits[self.leader].selected else _share((fit, own)))
+
     @property
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
@@ -198,7 +202,9 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else (e, null) for e in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
-    place = max(range(len(pairs)), key=lambda k: possible_level(pairs[k]) - prices[k])
+    # What explains little beside processes leads only where its gain, as that counts, is worth its price.
+    worth = [k for k, (fit, own) in enumerate(pairs) if weighed(fit, own.level - null.level, _share(pairs[k])) >= 0.0]
+    place = max(worth, key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
@@ -207,9 +213,10 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
     shares = [_share(pair) for pair in pairs]
     weight = independent * shares[place]
+    weights = [weight * (1.0 if pairs[place][0].selected else share) for share in shares]
     stated = [
-        _estimated(fit, own, weighed(fit, own.level - null.level, weight), independent * share, scale)
-        for (fit, own), share in zip(pairs, shares, strict=True)
+        _estimated(fit, own, weighed(fit, own.level - null.level, each), independent * share, scale)
+        for (fit, own), share, each in zip(pairs, shares, weights, strict=True)
     ]
     if np.any(more := beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
