@@ -95,8 +95,12 @@ class NetInterval(NullIsNaN):
 
     @property
     def acts(self) -> bool:
-        """Whether a value is more than two standard errors; not a direction, which has one at any size."""
-        return any(abs(each.value) > 2.0 * each.std_error for each in self.values if each.units != "rad")
+        """Whether a value is more than two standard errors, or makes up for a delay, together with which it may be;
+        not a direction, which has one at any size.
+        """
+        known = any(abs(each.value) > 2.0 * each.std_error for each in self.values if each.units != "rad")
+        names = {each.name for each in self.values}
+        return known or not all(names.issuperset(group) for group in self.collinear_groups)
 
 
 class RankedHypothesis(NullIsNaN):
@@ -495,7 +499,7 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != best or not (acts := leader.acting):
             return ""
         ends, size = (acts[0].start_s, acts[-1].stop_s), ""
-        if len(acts) == 1 and len(acts[0].values) == 1:
+        if len(acts) == 1 and len(acts[0].values) == 1 and not acts[0].collinear_groups:
             (net,) = acts[0].values
             damps = ", which adds damping" if net.value < 0.0 else ", which takes damping away"
             sign = damps if net.name == DAMPING else ""

@@ -54,9 +54,8 @@ acceleration that it makes per unit, in de-rolled axes: real and imaginary part 
 
 
 def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> int:
-    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples do.
-
-    The largest difference between the two angular rates may be IDENTIFIED_QUADRATURE times the gyros' white noise,
+    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples do. The
+    largest difference between the two angular rates may be IDENTIFIED_QUADRATURE times the gyros' white noise,
     stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
     """
     moments = frame.moments(columns) @ values
@@ -205,10 +204,9 @@ def node_records(
     delays: tuple[float, ...],
     fitted: Callable[[int, Flight], Flight] = lambda _, flight: flight,
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed.
-
-    `rates` (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a
-    noise-free flight.
+    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed. `rates`
+    (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a noise-free
+    flight.
     """
     noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
     quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]

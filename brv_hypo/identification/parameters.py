@@ -200,10 +200,9 @@ def _moved(column: Regressor, parameter: NonlinearParameter, value: float) -> Re
 def placed(
     time_basis: TimeBasis, time: FloatArray, half: FloatArray, own: OwnTime | None
 ) -> tuple[TimeBasis, FloatArray, FloatArray]:
-    """A time basis, times and intervals that go together, where time bases are in a time that flights share.
-
-    What jumps does so at the flight's own time; what ramps does so with the common one, whose pace about a knot is
-    taken as constant.
+    """A time basis, times and intervals that go together, where time bases are in a time that flights share. What jumps
+    does so at the flight's own time; what ramps does so with the common one, whose pace about a knot is taken as
+    constant.
     """
     if own is None:
         return time_basis, time, half
@@ -267,7 +266,6 @@ def noise_free_flights(
     frame: RateFrame, predicted: ComplexArray, moments: ComplexArray, inputs: Sequence[SmoothInputs]
 ) -> tuple[Flight, ...]:
     """The flights as noise-free instruments would have read them, axial force and what lies in gaps as measured.
-
     `predicted` (rows,) rad/s are the de-rolled rates and `moments` (rows,) the C_m + i C_n of a regression; `inputs`
     are each flight's.
     """
@@ -392,10 +390,9 @@ def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[Tim
 def record_errors(
     frame: RateFrame, noise_free: Sequence[Flight], inputs: Sequence[SmoothInputs], modelled: frozenset[str]
 ) -> tuple[RecordErrors, ...]:
-    """What is known of each flight to a tolerance only, linearised on its noise-free record.
-
-    Moments of the mechanisms `modelled` are the hypothesis's own and take no part; neither does what none of the
-    equations observes, such as the bias of an instrument that they do not use.
+    """What is known of each flight to a tolerance only, linearised on its noise-free record. Moments of the mechanisms
+    `modelled` are the hypothesis's own and take no part; neither does what none of the equations observes, such as the
+    bias of an instrument that they do not use.
     """
     found = []
     for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True)):

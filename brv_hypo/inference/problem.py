@@ -258,10 +258,9 @@ class ProjectedBaseline:
 
 @dataclass(frozen=True)
 class Problem:
-    """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples.
-
-    `records` are those of the flights; `force` (frame rows,) m/s^2 is the transverse specific force at the c.g.;
-    `given` histories that may be asked for as columns, by name.
+    """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples. `records` are
+    those of the flights; `force` (frame rows,) m/s^2 is the transverse specific force at the c.g.; `given` histories
+    that may be asked for as columns, by name.
     """
 
     frame: RateFrame

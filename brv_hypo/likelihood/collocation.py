@@ -177,10 +177,9 @@ def choose_method(
 def parameter_scales(
     functions: tuple[Function, ...], points: Points, theta: Values, names: tuple[str, ...], known: Values | None = None
 ) -> dict[str, float]:
-    """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
-
-    Its own magnitude, or, where that is next to nothing against it, the change that would move a function by as much
-    as the function's own size, at most 1. `known` gives the size of some beforehand.
+    """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step. Its own
+    magnitude, or, where that is next to nothing against it, the change that would move a function by as much as the
+    function's own size, at most 1. `known` gives the size of some beforehand.
     """
     known = known or {}
     scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}

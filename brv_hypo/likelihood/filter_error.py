@@ -214,7 +214,6 @@ def scored(
     problem: Problem, iterate: Iterate, directions: Directions, enough: float, linear: Sequence[Linearisation]
 ) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
-
     Where they led, and the lengths of the steps in standard errors, 0 for none. Raises SingularStatesError where the
     outputs leave a state undetermined.
     """

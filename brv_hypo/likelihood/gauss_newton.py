@@ -88,9 +88,8 @@ def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> Segments:
     """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
-
-    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
-    Raises SingularStatesError where the outputs leave a state undetermined.
+    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet. Raises
+    SingularStatesError where the outputs leave a state undetermined.
     """
     linear = linearised(problem, iterate) if linear is None else linear
     found = []

@@ -276,7 +276,6 @@ _PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ n
 
 def mesh_shift(problem: Problem, iterate: Iterate, segments: Segments, covariance: FloatArray) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
-
     `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
     segments of at most _MOST_JUDGED samples.
     """

@@ -50,10 +50,9 @@ _LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine th
 
 
 def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
-    """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them.
-
-    An output that the start values make far too small a function of a state makes that state far too large. Where
-    the start fits poorly, 0 is tried too, and taken where it violates the dynamics far less. `near` is that of `fit`.
+    """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them. An
+    output that the start values make far too small a function of a state makes that state far too large. Where the
+    start fits poorly, 0 is tried too, and taken where it violates the dynamics far less. `near` is that of `fit`.
     """
     first = _prepared(problem, iterate, near)
     given = all(grid.start.ndim == 2 for grid in problem.grids)
@@ -265,7 +264,6 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
 
 def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitResult:
     """Fits on finer meshes until the shift is tolerable, or the steps are at their limit: then the status says so.
-
     `run` fits segments on a mesh of so many steps between samples; with a result as third argument it begins where that
     ended, the segments' histories being its states.
     """

@@ -181,9 +181,8 @@ class Whitened(NamedTuple):
 
 def coloured_covariance(white: FloatArray, prior_information: FloatArray, segments: Sequence[Whitened]) -> FloatArray:
     """The corrected covariance, (p, p), of D = `white`, (p, p), not inflated for degrees of freedom, 0 of what is not
-    estimated.
-
-    `prior_information` are inverse variances (p,), 0 without a prior; `segments` what is left of the measurements.
+    estimated. `prior_information` are inverse variances (p,), 0 without a prior; `segments` what is left of the
+    measurements.
     """
     residual = [segment.residual for segment in segments]
     correlation = autocorrelation(residual)

@@ -378,10 +378,9 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
 
 @dataclass(frozen=True)
 class ForceModel:
-    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
-
-    The reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they
-    err by, and a bend of its own.
+    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force). The
+    reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they err
+    by, and a bend of its own.
     """
 
     slope: FloatArray

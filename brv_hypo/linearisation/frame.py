@@ -43,10 +43,9 @@ SHORTEST = 8  # samples of a segment that is usable
 
 @dataclass(frozen=True)
 class Antiderivative:
-    """Splines through `values` (m, columns) at nodes and their integrals from the first.
-
-    `weight` (m,), where there is one, multiplies them, linear between nodes: the product is integrated as it is. A
-    spline through the product differs from it by more than what a short ramp far from the origin is.
+    """Splines through `values` (m, columns) at nodes and their integrals from the first. `weight` (m,), where there is
+    one, multiplies them, linear between nodes: the product is integrated as it is. A spline through the product differs
+    from it by more than what a short ramp far from the origin is.
     """
 
     grid: SplineGrid
@@ -112,9 +111,8 @@ class Nodes:
 @dataclass(frozen=True)
 class WeakSegment:
     """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
-
-    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own.
-    `finer` are the nodes of its integrals; None where its samples are.
+    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own. `finer`
+    are the nodes of its integrals; None where its samples are.
     """
 
     time: FloatArray

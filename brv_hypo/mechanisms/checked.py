@@ -107,7 +107,7 @@ def fault(
     subject = f"'{name}' of {package}" if package else f"'{name}'"
     remedy = f"Repair it or uninstall it; `brv-hypo mechanisms check {name}` tests it."
     if Path(package).suffix == ".py":
-        remedy = f"Repair it, or use {package} no more (--plugin)."
+        remedy = f"Repair it, or leave out --plugin {package}."
     return MechanismError(f"{subject} breaks its contract{_place(call, error)}: {found}. {remedy}", name)
 
 

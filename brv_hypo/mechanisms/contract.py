@@ -213,7 +213,7 @@ class MomentProcess(Mechanism):
     """Shapes of a moment, each times an unknown smooth history in time; every hypothesis of `compare` has all of them.
 
     A shape has cubic B-splines over [`start`, `stop`] s; their coefficients share one amplitude, which is estimated,
-    zero included. One unit is a coefficient of 1.
+    zero included; 1 % of the static moment is ordinary (`thresholds.MOMENT_AMPLITUDE`). One unit is a coefficient of 1.
     """
 
     claims = "nothing in particular: a smooth change that any hypothesis may have beside it"

@@ -186,10 +186,9 @@ def sensed_force(flight: Flight) -> FloatArray:
 
 
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
-    """Rotation matrices (n, ..., 3, 3) from de-rolled axes to those of the first sample.
-
-    `transverse_rate` (n, ...) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations
-    do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES 7:61, 1971).
+    """Rotation matrices (n, ..., 3, 3) from de-rolled axes to those of the first sample. `transverse_rate` (n, ...) is
+    (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations do not commute: what that
+    leaves about x, to second order, is added (Bortz, IEEE Trans. AES 7:61, 1971).
     """
     angle = running_integral(time, transverse_rate)
     steps = np.diff(angle, prepend=angle[:1], axis=0)
@@ -349,9 +348,8 @@ class NominalMotion:
 
 
 def gravity_known(nominal: NominalMotion) -> tuple[FloatArray, FloatArray]:
-    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample.
-
-    Its size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
+    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample. Its
+    size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
     altitude h loses: g . integral of V u dt = |g| (h_0 - h).
     """
     record, start = nominal.record, nominal.start
@@ -382,10 +380,9 @@ def cycles(record: InertialRecord) -> float:
 
 
 def start_from_nose(record: InertialRecord, *, forces: bool = True) -> WindStart:
-    """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
-
-    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
-    and forces turn is made least.
+    """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity. The report takes the mean
+    Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity and forces turn is made
+    least.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]

@@ -145,7 +145,6 @@ def _scale_heights_risen(
 
 def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
     """Logarithm of dynamic pressure over the square of the speed: what varies slowly, less `risen` (n,) scale heights.
-
     It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least squares of
     the pressure (Gauss-Newton).
     """

@@ -98,10 +98,9 @@ def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the vehicle; every array has one shape, (n,) over time for a record.
-
-    The simulator evaluates the same mechanisms at the running state: there the shape is (flights,), all at
-    one instant. A mechanism therefore works elementwise and asks `delayed` for the past.
+    """Motion of the vehicle; every array has one shape, (n,) over time for a record. The simulator evaluates the same
+    mechanisms at the running state: there the shape is (flights,), all at one instant. A mechanism therefore works
+    elementwise and asks `delayed` for the past.
     """
 
     time: FloatArray  # s

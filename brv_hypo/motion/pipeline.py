@@ -62,10 +62,9 @@ def require_answerable(flight: Flight) -> None:
 
 
 def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimate:
-    """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
-
-    `record` is corrected by the `known` of its errors; the rest of the estimates is subtracted here, and their
-    covariance counts in `sigma`.
+    """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count. `record`
+    is corrected by the `known` of its errors; the rest of the estimates is subtracted here, and their covariance counts
+    in `sigma`.
     """
     spin = record.spin_rate
     responses = effects.responses
@@ -93,10 +92,9 @@ def error_of_differentiation(record: InertialRecord) -> FloatArray:
 
 
 def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
-    """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared.
-
-    None where it changes the force by no more than the fit leaves, or by what errors of the accelerometers may be: a
-    transverse force that they read along the axis goes with alpha too.
+    """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared. None where it
+    changes the force by no more than the fit leaves, or by what errors of the accelerometers may be: a transverse force
+    that they read along the axis goes with alpha too.
     """
     place = np.linspace(-1.0, 1.0, alpha.size)
     shapes = np.column_stack([np.ones_like(place), place, place**2, alpha**2])

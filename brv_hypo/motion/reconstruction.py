@@ -61,10 +61,9 @@ class WindHistory:
 
 @dataclass(frozen=True)
 class MomentEstimate:
-    """Moment coefficients from differentiated gyros, with the noise that differentiation gives them.
-
-    The noise is so correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle),
-    and by the dynamic pressure, to have it stationary.
+    """Moment coefficients from differentiated gyros, with the noise that differentiation gives them. The noise is so
+    correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle), and by the
+    dynamic pressure, to have it stationary.
     """
 
     body: ComplexArray  # C_m + i C_n (n,), corrected by the estimated errors of the record
@@ -196,10 +195,9 @@ class Reconstruction(HasCharts, Histories):
 
 
 def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the columns of a result, rates, air data and body moments (n,), whole or not at all.
-
-    `time` is the dimension scale of all root datasets; root attributes hold method, status and warnings.
-    Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
+    """Write the columns of a result, rates, air data and body moments (n,), whole or not at all. `time` is the
+    dimension scale of all root datasets; root attributes hold method, status and warnings. Raises UsageError where the
+    file exists and `overwrite` is false, or where it cannot be written.
     """
     motion, flight = reconstruction.motion, reconstruction.flight
     known = np.where(reconstruction.moments.usable, 1.0, np.nan)

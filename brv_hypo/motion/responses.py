@@ -109,7 +109,6 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 
 def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
     """Change (n, 3, k) m/s, in the axes of the first sample, of what the body sees of the velocity relative to the air.
-
     The motion, of `crossflow` (n,), starts as it did. What acts across the velocity turns it; so does a turned attitude
     what is seen of it.
     """

@@ -167,10 +167,9 @@ def with_smooth_air(flight: Flight) -> Flight:
 
 @dataclass(frozen=True)
 class _Filter:
-    """Weights on a window: those of its middle (2 half_width + 1,), and those of each place before it.
-
-    The latter are `places` (half_width, order + 1) times the transpose of `basis` (2 half_width + 1, order + 1), which
-    is orthonormal: the matrix itself would be as large as the window squared.
+    """Weights on a window: those of its middle (2 half_width + 1,), and those of each place before it. The latter are
+    `places` (half_width, order + 1) times the transpose of `basis` (2 half_width + 1, order + 1), which is orthonormal:
+    the matrix itself would be as large as the window squared.
     """
 
     middle: FloatArray

@@ -261,7 +261,7 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %, also of what could hide beside the leader"
+    heading = "Upper limits at 95 %, also of what could hide in trim, baseline and leader"
     excluded = Texts([" ".join(said)] if said else (), bullets=False)
     meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
     return [Table(rows, heading, ("mechanism",)), excluded, meaning]
