@@ -141,6 +141,14 @@ class Prediction(HasCharts, Result):
         """Whether something acts that no coefficients of this model explain."""
         return bool(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED)
 
+    @property
+    def outcome(self) -> str:
+        """In a few words, whether the model holds on this flight."""
+        if self.own_record:
+            return "Prediction of the model's own record"
+        contradicted = self.refused or self.lacks_an_effect
+        return "Prediction: the model " + ("is contradicted" if contradicted else "is not contradicted")
+
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""
         return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
@@ -218,7 +226,10 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     if found.left_out:
         act, are = ("acts", "is") if len(found.left_out) == 1 else ("act", "are")
         names = ", ".join(found.left_out)
-        said += f" {names} of the model {act} at times of the flight that it was found on, and {are} left out."
+        said += (
+            f" {names} of the model {act} at times of the flight that it was found on, and {are} left out: "
+            f"`--refit {','.join(found.left_out)}` fits the size to this flight, at these times."
+        )
     return said
 
 

@@ -351,7 +351,7 @@ def prediction_document(result: Prediction) -> Document:
     return Document(
         title=f"Predicted: {flight.title or flight.path}",
         subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
-        conclusion_title="Prediction" if sound else IN_DOUBT,
+        conclusion_title=result.outcome if sound else IN_DOUBT,
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
         decided=result.ratio < HOLDS_BELOW and sound,
         blocks=(

@@ -168,7 +168,7 @@ class TestTerminal:
         damping = {"share_of_moment_95": 0.02, "share_in_part_95": 0.01, "coefficient_95": 0.02 * MOMENT}
         limit = MechanismLimit(mechanism="damping", **damping)
         shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
-        begin = shown.index("Upper limits at 95 %, also of what could hide beside the leader")
+        begin = shown.index("Upper limits at 95 %, also of what could hide in trim, baseline and leader")
         cells = line_of(shown[begin:], "damping")
         assert [each for each in cells if each != "(leader)"][:6] == ["damping", "2", "%", "1", "%", "0.00082"]
         assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
@@ -343,7 +343,7 @@ class TestPython:
             RecordError(name=name, value=value, std_error=error, units="1", tolerance=7e-5)
             for name, (value, error) in known.items()
         )
-        said = "Errors within the tolerances of the record, estimated: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
+        said = "Errors of the record, significant but none beyond 2.9 tolerances: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
         assert within_text(errors) == said
         assert within_text(errors[1:]) == ""
 
