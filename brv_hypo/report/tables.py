@@ -344,7 +344,7 @@ def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
         more = f" and {len(group) - MOST_COLLINEAR} more" if len(group) > MOST_COLLINEAR else ""
         said.append(f"{COLLINEAR_MARK} {', '.join(group[:MOST_COLLINEAR])}{more} are nearly collinear.")
     if said:
-        said.append("The data give what these make together, which the functions show, and none of them by itself.")
+        said.append("Their sigmas are with the others free; what they make together, which the functions show, is known better.")
     return said
 
 

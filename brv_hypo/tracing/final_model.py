@@ -156,9 +156,8 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
 
 
 def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
-    """What in the data could pose as an effect."""
-    found = [each for each in reconstruction.warnings if each not in reconstruction.own_warnings]
-    share = flight.ax / flight.dynamic_pressure
+    """What in the data could pose as an effect, then what limits its motion."""
+    found, share = list[str](), flight.ax / flight.dynamic_pressure
     drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
     slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
     changed = np.ptp(slopes) > STABLE_SIGMAS * np.hypot(*errors[[np.argmin(slopes), np.argmax(slopes)]])
@@ -180,7 +179,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
                 f"at {times(slope.time_s[worst])}: density is wrong there (family air), and every coefficient with it "
                 "(no other test here shows that), or the axial force coefficient changes"
             )
-    return found
+    return [*found, *(each for each in reconstruction.warnings if each not in reconstruction.own_warnings)]
 
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
