@@ -344,7 +344,7 @@ def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
         more = f" and {len(group) - MOST_COLLINEAR} more" if len(group) > MOST_COLLINEAR else ""
         said.append(f"{COLLINEAR_MARK} {', '.join(group[:MOST_COLLINEAR])}{more} are nearly collinear.")
     if said:
-        said.append("Their sigmas are with the others free; what they make together, which the functions show, is known better.")
+        said.append("Their sigmas are with the others free; together, as the functions show, they are known better.")
     return said
 
 
