@@ -48,7 +48,7 @@ from brv_hypo.report.document import Block, Shown, Table, Texts
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
-ROWS_AT_FIRST, WARNINGS_AT_FIRST = 3, 2  # that the terminal shows; all of them with -v and on the page
+ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 SLOW = "drifts, gusts and the like, in every hypothesis"
