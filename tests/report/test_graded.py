@@ -116,10 +116,10 @@ class TestTerminal:
         assert f"One sentence. {SENTENCE}" in inside
         assert shown.index("One sentence.") < shown.index("Of the residual") < shown.index("Processes beside damping")
 
-    def test_three_processes_are_shown_in_80_columns_and_the_others_with_verbose(self) -> None:
+    def test_four_processes_are_shown_in_80_columns_and_the_others_with_verbose(self) -> None:
         short, whole = printed(graded()), printed(graded(), verbose=True)
         assert max(cell_len(line) for line in short.splitlines()) <= 80
-        assert "and 4 more: add -v" in short
+        assert "and 3 more: add -v" in short
         assert f"Estimated below 0.1 % of the moment: {PROCESSES[-1].name}." in whole
         assert PROCESSES[-1].share_of_moment <= LEAST_PROCESS
         for each in PROCESSES[:3]:
