@@ -54,7 +54,7 @@ def test_a_file_that_cannot_be_used_is_refused_before_anything_is_done(brv_hypo,
     done = brv_hypo(*command, "--plugin", "bad.py", cwd=tmp_path)
     assert done.returncode == 2
     assert f"'own' of {tmp_path}/bad.py breaks its contract ({tmp_path}/bad.py, line 8)" in done.stderr
-    assert "Repair it, or use" in done.stderr
+    assert "Repair it, or leave out --plugin" in done.stderr
     assert done.stdout == ""
 
 

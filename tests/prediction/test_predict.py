@@ -193,6 +193,7 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.flown == 1.0
 
 
+@pytest.mark.thorough
 def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> None:
     """With coefficients from beside them and without them, it left 400 times what one fitted here does."""
     flight = simulate("research_cone", **WITH_MAGNUS).flight

@@ -45,7 +45,7 @@ def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: st
     assert {edge for region in regions for edge in region} == {knot.time_s for knot in knots}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_events_off_one_mach_number_are_named_too_and_said() -> None:
     """On the second flight the damping begins 41 ms early."""
     made = fly_several("cone", "damping", 3002, apart=0.04)
