@@ -79,38 +79,51 @@ def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None
         assert bool(said) is wrong
 
 
-TWO_LOBED_SIDE = '''
+SIDE_MOMENT = '''
 import numpy as np
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
 
 
-class TwoLobedSide(Mechanism):
-    """A side moment that is zero along two lines of the body."""
+class SideMoment(Mechanism):
+    """A side moment of some shape."""
 
-    name, title, claims, source = "two_lobed_side", "two-lobed side moment", "sin(2 phi)", "a section that is no circle"
+    name, title, claims, source = "some_side", "some side moment", "a moment across the plane of alpha", "this test"
 
     def terms(self, motion, theta):
         """Across the plane."""
-        side = motion.alpha * np.sin(2.0 * motion.windward_meridian)
+        side = SHAPE
         return (Term("k", 0.0 * side, side),)
 
 
 @hookimpl
 def brv_hypo_mechanisms():
-    return [TwoLobedSide()]
+    return [SideMoment()]
 '''
 
 
+TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "motion.alpha**2"
+
+
 @pytest.mark.thorough
-def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(tmp_path: Path) -> None:
-    """Mechanisms on the list describe parts of it beside processes; none may lead."""
-    path = tmp_path / "two_lobed_side.py"
-    path.write_text(TWO_LOBED_SIDE)
+@pytest.mark.parametrize(
+    ("shape", "size", "listed", "said"),
+    [
+        (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
+        (SQUARE, 0.1, ["lag"], "nonlinear side moment"),
+        (SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment"),
+    ],
+)
+def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(
+    tmp_path: Path, shape: str, size: float, listed: list[str], said: str
+) -> None:
+    """Mechanisms on the list describe parts of it beside processes; none may lead, or decide whether it is seen."""
+    path = tmp_path / "some_side.py"
+    path.write_text(SIDE_MOMENT.replace("SHAPE", shape))
     use_plugin_files([path])
-    planted = [{"mechanism": "two_lobed_side", "terms": {"k": 0.01}, "start": 1.7, "stop": 4.2}]
+    planted = [{"mechanism": "some_side", "terms": {"k": size}, "start": 1.7, "stop": 4.2}]
     flown = simulate("research_cone", seed=51, mechanisms=planted, instruments={"draw": 1.0})
     use_plugin_files([])
-    verdict = compare(flown, mechanisms=["sticking", "bodyfixed"], maximum_likelihood="none").verdict
+    verdict = compare(flown, mechanisms=listed, maximum_likelihood="none").verdict
     assert verdict.outcome == "none adequate"
     assert verdict.probability["other"] > 0.9
-    assert "two-lobed side moment" in verdict.reason
+    assert said in verdict.reason
