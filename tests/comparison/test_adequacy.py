@@ -109,7 +109,7 @@ TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "mo
     ("shape", "size", "listed", "said"),
     [
         (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
-        (SQUARE, 0.1, ["lag"], "nonlinear side moment"),
+        pytest.param(SQUARE, 0.1, ["lag"], "nonlinear side moment", marks=pytest.mark.slow),
         (SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment"),
     ],
 )

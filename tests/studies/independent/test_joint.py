@@ -59,7 +59,7 @@ def test_events_off_one_mach_number_are_named_too_and_said() -> None:
         assert min(abs((start or 0.0) - flight.true.planted.start) for start in starts) < EDGE_SIGMA
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_steps_that_come_apart_on_two_flights_are_no_onsets_that_take_time() -> None:
     """In the time of their Mach numbers alone four changes were found about the two, and knots 5 sigma off."""
     planted = {"mechanism": "lag", "theta": {"delay": 0.03}, "terms": {"lag fraction": 1.0}}
