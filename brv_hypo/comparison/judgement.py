@@ -371,9 +371,8 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
-    beside = [null, null.beside_small] if null.has_large_processes else [null]
     # Gradual changes of such moments are described by processes.
-    found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), beside, onsets=(0.0,))
+    found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null.of_both_sizes, onsets=(0.0,))
     most = leader.information + 2.0 * MECHANISM_ACTS
     near = [fit for fit in judged.fits if leader.selected and fit.information < most]
     changes = [sorted({c.time_basis.start for c in fit.selected if c.time_basis.kind != "constant"}) for fit in near]

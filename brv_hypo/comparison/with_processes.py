@@ -70,7 +70,7 @@ def in_one_region(
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    beside = (null, null.beside_small) if null.has_large_processes else (null,)
+    beside = null.of_both_sizes
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
     return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
 
@@ -271,7 +271,7 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
             if here is None or other is first:
                 continue
             fit, own = here
-            beside = (own, own.beside_small) if own.has_large_processes else (own,)
+            beside = own.of_both_sizes
             _, likely = _likely_regions(own.rows.frame_of(like), [other], beside)
             acts = (_acting_between(other, best[0][1], like.frame) for best in likely if best)
             tried = [moved(problem, fitted(problem, like, (*fit.selected, *more), *beside)) for more in acts]

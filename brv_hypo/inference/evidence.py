@@ -123,6 +123,11 @@ class Evidence(_Integrated):
         return replace(self, at=at)
 
     @property
+    def of_both_sizes(self) -> tuple[Evidence, ...]:
+        """Itself and, where its processes are large, the same beside small ones: large ones make up for a mechanism."""
+        return (self, self.beside_small) if self.has_large_processes else (self,)
+
+    @property
     def residual(self) -> FloatArray:
         """Rows (n,) less all that is fitted, under the stated noise."""
         fitted = np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border

@@ -43,7 +43,8 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert verdict.adequacy.ratio > 1.1
     assert verdict.processes
     assert verdict.explained is not None
-    assert verdict.explained.interval_95[1] < 0.2 * verdict.explained.processes
+    assert verdict.explained.share < 0.1
+    assert verdict.explained.interval_95[1] < min(0.105, 0.2 * verdict.explained.processes)
     assert verdict.explained.processes > 0.5
     assert verdict.adequacy.p_value < 1e-3
     assert not verdict.adequacy.adequate

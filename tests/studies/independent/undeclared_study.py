@@ -65,7 +65,7 @@ KINDS = tuple(FAMILY)
 FAMILY |= {kind.name: kind.family for kind in grammar.KINDS}
 ALSO |= {"side alpha^1": ("magnus",), "two lobes alpha^1": ("stiffness_asymmetry",)}
 LARGER = (2.0, 8.0)  # times an ordinary size
-SHOWN = 1.1  # times the noise, the first residual's rms, from which there is something to explain
+SHOWN = 1.2**0.5  # times the noise, the first residual's rms, from which there is something to explain
 MOST = 0.9  # of what is explained, that a set of families holds
 _STREAM = 13
 
@@ -166,7 +166,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     if ordinary:
         yield count("ordinary size: a false finding", [bool(o.false) for o in ordinary])
     yield count("a hint by another name", [bool(o.other_names) for o in outcomes])
-    yield count("'noise' at 1.1 times the noise", [o.left > SHOWN for o in outcomes if o.white])
+    yield count("'noise' at 1.2 times the noise's mean square", [o.left > SHOWN for o in outcomes if o.white])
     seconds = [o.seconds for o in outcomes]
     yield f"CPU seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}"
 
