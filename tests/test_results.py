@@ -161,7 +161,7 @@ class TestJson:
             Comparison.from_json(tmp_path / "nowhere.json")
 
 
-def test_a_motion_that_was_pickled_still_tells_its_past(reconstructed) -> None:
+def test_a_pickled_motion_still_gives_its_past(reconstructed) -> None:
     again = pickle.loads(pickle.dumps(reconstructed)).motion
     earlier = again.delayed(0.05).delayed(0.05)
     np.testing.assert_allclose(earlier.alpha, reconstructed.motion.delayed(0.1).alpha, rtol=1e-12)
@@ -220,7 +220,7 @@ class TestPlot:
         with pytest.raises(UsageError, match="no part of its JSON: call compare or trace again, or keep"):
             Trace.from_json(traced.to_json()).plot("moments")
 
-    def test_of_a_comparison_from_json_what_it_holds_is_drawn(self, compared) -> None:
+    def test_a_comparison_from_json_draws_the_charts_of_what_it_has(self, compared) -> None:
         again = Comparison.from_json(compared.to_json())
         (axes,) = again.plot().axes
         assert axes.get_xlabel() == "probability, %"
@@ -238,7 +238,7 @@ class TestPlot:
 
 class TestXarray:
     @pytest.mark.parametrize("name", RESULTS)
-    def test_a_data_set_holds_what_the_data_frame_holds(self, name, request) -> None:
+    def test_a_data_set_has_the_columns_of_the_data_frame(self, name, request) -> None:
         pytest.importorskip("xarray")
         result = request.getfixturevalue(name)
         data, frame = result.to_xarray(), result.to_dataframe()

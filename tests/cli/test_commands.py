@@ -112,7 +112,7 @@ class TestInspect:
         for expected in ("dynamic_pressure", "rad/s", "usable: 0.00", "100 Hz", "100 kg"):
             assert expected in done.stdout
 
-    def test_json_holds_the_same(self, brv_hypo, flight_file):
+    def test_json_has_the_same_channels(self, brv_hypo, flight_file):
         result = strict_json(brv_hypo("inspect", flight_file, "--json", "-").stdout)
         assert result["schema"] == "brv-hypo/inspect/1"
         assert result["sample_rate"] == pytest.approx(100.0)
@@ -161,7 +161,7 @@ class TestImport:
         assert done.returncode == 0, done.stderr
         assert done.stderr.startswith("brv-hypo: warning: the record contradicts itself (units): drag of ")
 
-    def test_a_map_that_asks_for_what_is_not_there_ends_with_2(self, brv_hypo, foreign):
+    def test_a_map_of_a_missing_column_ends_with_2(self, brv_hypo, foreign):
         mapping = foreign / "map.yaml"
         mapping.write_text(mapping.read_text().replace("column: wx", "column: wq"))
         done = brv_hypo("import", "data.csv", "--map", "map.yaml", "-o", "flight.h5", cwd=foreign)
@@ -393,7 +393,7 @@ def test_import_takes_either_a_map_or_a_guess(brv_hypo, tmp_path):
         (("predict", "--model", "model.json"), "band.svg"),
     ],
 )
-def test_a_picture_that_stands_already_is_refused_before_any_work(brv_hypo, tmp_path, command, picture):
+def test_an_existing_picture_is_refused_before_any_work(brv_hypo, tmp_path, command, picture):
     """Not even the flight, which is none, has been looked at."""
     (tmp_path / "none.h5").write_text("no flight")
     (tmp_path / "model.json").write_text("{}")
@@ -408,7 +408,7 @@ def test_a_picture_that_stands_already_is_refused_before_any_work(brv_hypo, tmp_
 
 
 @pytest.mark.parametrize("group", [(), ("config",), ("mechanisms",)])
-def test_what_commands_do_is_told_whole_at_80_columns(brv_hypo, group):
+def test_help_says_in_full_what_commands_do_at_80_columns(brv_hypo, group):
     listed = brv_hypo(*group, "--help", COLUMNS="80").stdout.partition("Commands:")[2]
     lines = listed.strip().splitlines()
     assert len(lines) > 1

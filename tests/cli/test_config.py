@@ -45,7 +45,7 @@ def test_settings_that_are_none_are_refused_in_words(source, said):
 
 
 @pytest.mark.parametrize("model", MODELS.values())
-def test_every_setting_stands_in_it_and_uncommented_is_the_default(model):
+def test_every_setting_is_in_it_and_uncommented_is_the_default(model):
     settings = [line[1:] for line in commented(model, "t").splitlines() if line.startswith("#") and line[1:2] != " "]
     content = yaml.safe_load("\n".join(settings))
     assert set(content) == set(model.model_fields)

@@ -159,7 +159,7 @@ def test_each_kind_of_error_has_its_exit_code_and_one_message(error, code, capsy
     assert len(captured.err.splitlines()) == 1
 
 
-def test_a_fault_of_the_program_shows_its_traceback_only_when_asked(capsys):
+def test_a_fault_of_the_program_shows_its_traceback_with_verbose(capsys):
     def command(verbose: bool = False) -> None:
         raise ZeroDivisionError("division by zero")
 

@@ -99,7 +99,7 @@ def test_the_plugin_is_known_where_it_is_named(brv_hypo, greedy):
     assert {"greedy", "greedy_gyros"} <= {entry["name"] for entry in entries(json.loads(listed))}
 
 
-def test_the_five_are_compared_and_all_that_are_installed_where_asked(greedy):
+def test_the_five_are_compared_by_default_and_all_installed_on_request(greedy):
     with installed_in(greedy):
         assert compared([]) == compared(FIVE) == FIVE
         assert compared(["installed"]) == sorted([*FIVE, "greedy"])

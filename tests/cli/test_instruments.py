@@ -15,7 +15,7 @@ from brv_hypo.report.reconstruction import reconstruction_document
 from brv_hypo.report.tables import flight_lines
 
 
-def test_left_out_it_leaves_what_the_record_states(flight_file):
+def test_without_the_option_tolerances_are_those_of_the_record(flight_file):
     assert load_flight(flight_file).instruments == of_grade("tactical")
 
 
@@ -64,7 +64,7 @@ def test_the_grade_is_at_the_top_of_an_answer(flight_file):
         ("wind: strong", "expected a number"),
     ],
 )
-def test_files_that_hold_no_tolerances_are_refused(flight_file, tmp_path, text, message):
+def test_files_without_tolerances_are_refused(flight_file, tmp_path, text, message):
     file = tmp_path / "mine.yaml"
     file.write_text(text)
     with pytest.raises(UsageError, match=message):

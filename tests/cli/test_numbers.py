@@ -42,7 +42,7 @@ def test_numbers_have_an_exponent_only_where_they_need_one(value, digits, text):
         (2.0, float("nan"), "2"),
     ],
 )
-def test_an_estimate_has_the_digits_that_its_error_leaves(value, sigma, text):
+def test_an_estimate_is_rounded_to_its_error(value, sigma, text):
     assert known_to(value, sigma) == text
 
 

@@ -90,7 +90,7 @@ def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo
 
 
 @pytest.mark.thorough
-def test_its_name_in_the_comparison_asks_for_it(brv_hypo, drifted, unasked, tmp_path):
+def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unasked, tmp_path):
     by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
     plugin(tmp_path, "drifting", written(tmp_path).read_text())
     with installed_in(tmp_path):

@@ -54,7 +54,7 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert comparison.flights[0].samples == 1283
 
 
-def test_json_carries_the_keys_of_the_contract() -> None:
+def test_json_has_the_keys_of_the_contract() -> None:
     content = compared_nominal().model_dump(mode="json", by_alias=True)
     assert content["schema"] == "brv-hypo/compare/1"
     assert set(content) >= {"flights", "reconstruction", "baseline", "ranking", "verdict", "seconds"}
@@ -197,7 +197,7 @@ def test_gaps_cost_samples_but_not_the_verdict() -> None:
 
 
 @pytest.mark.slow
-def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
+def test_a_credible_hypothesis_is_refined_by_maximum_likelihood() -> None:
     """The block of the contract, and the likelihood's own estimate of a planted step of the slope."""
     flight = simulate("sounding_rocket", seed=67, plant=("damping",)).flight
     comparison = compare([flight], CompareConfig(mechanisms=("damping", "bodyfixed")))
@@ -234,7 +234,7 @@ def test_a_record_with_limits_keeps_to_the_regression_and_says_so(opportunity: C
 
 @pytest.mark.shared
 @pytest.mark.slow
-def test_a_regression_that_was_asked_for_needs_no_note() -> None:
+def test_a_requested_regression_needs_no_note() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     first = compare([flight], CompareConfig(mechanisms=("bodyfixed",), **REGRESSION)).ranking[0]
     assert first.ml is None

@@ -20,7 +20,7 @@ def test_one_first_by_all_criteria_is_no_disagreement():
     assert criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.01, "other": 0.04}) == ()
 
 
-def test_each_criterion_is_told_with_what_it_puts_first():
+def test_each_criterion_is_named_with_what_it_puts_first():
     ranking = [row("lag", 40.0, 4.0, 1.5), row("damping", 90.0, 9.0, 2.0), row("none", None, 50.0, 1.0)]
     (told,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
     assert told == (
@@ -35,7 +35,7 @@ def test_what_is_first_with_a_value_that_is_not_possible_says_so():
     assert "lag (with lag fraction = -3); probability: baseline only" in told
 
 
-def test_where_no_probability_is_left_for_the_list_none_of_it_comes_first():
+def test_where_all_probability_is_outside_the_list_probability_puts_none_first():
     ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
     (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
     assert "probability" not in told
@@ -45,7 +45,7 @@ def test_a_record_that_was_refused_disagrees_on_nothing():
     assert criteria_disagree([], {}) == ()
 
 
-def test_stepwise_on_a_triangle_counts_the_samples_that_it_stands_for():
+def test_stepwise_on_a_triangle_counts_the_samples_of_the_whole_design():
     """The same path as on the rows themselves."""
     rng = np.random.default_rng(4)
     X = np.column_stack([np.ones(300), rng.standard_normal((300, 8))])

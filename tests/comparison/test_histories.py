@@ -22,7 +22,7 @@ def at_half_the_rate() -> Comparison:
     return compared_nominal()
 
 
-def test_the_slope_is_the_planted_one_and_its_band_holds_it(at_half_the_rate) -> None:
+def test_the_slope_is_the_planted_one_within_its_error(at_half_the_rate) -> None:
     """At no angle of attack and at that flown."""
     (slope,) = at_half_the_rate.functions["C_malpha"]
     for value, error in ((slope.at_zero, slope.at_zero_std_error), (slope.at_flown, slope.at_flown_std_error)):
@@ -48,7 +48,7 @@ def test_json_says_where_the_value_at_zero_is_extrapolated(at_half_the_rate) -> 
     assert Comparison.from_json(at_half_the_rate.to_json()) == at_half_the_rate
 
 
-def test_what_is_drawn_as_left_is_what_all_that_is_fitted_leaves(at_half_the_rate) -> None:
+def test_the_residual_that_is_drawn_is_that_of_the_whole_fit(at_half_the_rate) -> None:
     """Errors of record and vehicle with it: noise, where nothing was planted."""
     drawn = at_half_the_rate.series[0]
     for plane in (0, 1):
@@ -56,7 +56,7 @@ def test_what_is_drawn_as_left_is_what_all_that_is_fitted_leaves(at_half_the_rat
         assert 0.8 < np.sqrt(np.nanmean(left**2)) < 1.1
 
 
-def test_errors_are_the_largest_first_and_the_record_holds_them(at_half_the_rate) -> None:
+def test_errors_are_the_largest_first_and_within_tolerance(at_half_the_rate) -> None:
     """Where nothing was planted all are within their tolerances, and no better known than these."""
     errors = at_half_the_rate.record_errors
     sizes = [abs(each.tolerances) for each in errors]

@@ -66,7 +66,7 @@ def test_magnitude_and_direction_of_a_pulse_are_the_planted_ones() -> None:
         assert derived[name].std_error < largest
 
 
-def test_nothing_is_left_where_the_pulse_has_ended() -> None:
+def test_the_net_change_is_zero_where_the_pulse_has_ended() -> None:
     after = at(float(fitted("bodyfixed").frame.time.max()) - 0.5)
     assert all(abs(net.value) < 4.0 * net.std_error for net in after.values)
 

@@ -81,7 +81,7 @@ def test_fits_have_the_criterion_coefficients_and_errors_of_their_evidence() -> 
         assert fit.joint_covariance.shape[0] == len(fit.columns) + len(fit.nonlinear)
 
 
-def test_errors_of_coefficients_hold_what_pressure_and_inertia_are_known_to() -> None:
+def test_errors_of_coefficients_include_those_of_pressure_and_inertia() -> None:
     """Half a percent each, in every coefficient of a moment alike; knots have a sample's own instead."""
     found = judged_cone("bodyfixed")
     fit, own = found.fits[found.leader], found.evidences[found.leader]
@@ -124,7 +124,7 @@ def sizes_of_residual(own: Evidence) -> tuple[float, float]:
     return float(np.sqrt(np.mean(rates**2))), float(np.sqrt(np.mean(force**2)))
 
 
-def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> None:
+def check_noise_above_stated(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> None:
     """Rows at unit noise in either channel, and a ratio of the noise to what is stated that says by how much."""
     known: list[Judged] = []
 
@@ -145,7 +145,9 @@ def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> Non
     assert verdict.adequacy.p_value < 0.01
 
 
-def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_accelerometers_with_three_times_the_stated_noise_have_rows_at_unit_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The mean square of both is (1 + 9) / 2, of channels that have 0.85 of what this record states: 1.9 squared."""
 
     def quiet(*given: Any) -> tuple[Problem, Problem]:
@@ -155,18 +157,18 @@ def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(mo
         return whole.under(noise), without_processes
 
     monkeypatch.setattr("brv_hypo.comparison.judgement.linearised_about", quiet)
-    check_louder(flown("research_cone").flight.window(0.0, 2.5), 1.8, monkeypatch)
+    check_noise_above_stated(flown("research_cone").flight.window(0.0, 2.5), 1.8, monkeypatch)
 
 
 @pytest.mark.thorough
-def test_accelerometers_three_times_as_loud_at_low_frequencies_are_louder_than_stated(
+def test_accelerometers_with_three_times_the_noise_at_low_frequencies_exceed_the_stated_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What a record states is what neighbouring samples differ by: of a noise that lasts that is less than it is."""
     flight, lasts = flown("research_cone").flight, 0.95
     noise = lfilter([1.0], [1.0, -lasts], np.random.default_rng(1).standard_normal((2, flight.samples)))
     y, z = np.sqrt(8.0) * reconstruct(flight).accel_sigma * noise / noise.std()
-    check_louder(replace(flight, ay=flight.ay + y, az=flight.az + z), 1.2, monkeypatch)
+    check_noise_above_stated(replace(flight, ay=flight.ay + y, az=flight.az + z), 1.2, monkeypatch)
 
 
 # ---- What the leader explains ----
@@ -220,7 +222,7 @@ def held(found: Judged) -> dict[str, ProcessEstimate]:
 
 
 @pytest.mark.parametrize("plant", [(), ("bodyfixed",)])
-def test_every_process_is_there_and_holds_next_to_nothing_where_none_is_planted(plant: tuple[str, ...]) -> None:
+def test_every_process_is_there_and_explains_next_to_nothing_where_none_is_planted(plant: tuple[str, ...]) -> None:
     found = held(judged_cone(*plant))
     assert set(found) == {process.name for process in (*moment_processes(), *record_processes())}
     assert {process.family for process in found.values()} <= set(FAMILIES)
@@ -262,7 +264,7 @@ def in_other_air() -> Judged:
 
 
 @pytest.mark.thorough
-def test_air_of_another_density_is_no_mechanism_and_a_process_holds_it() -> None:
+def test_air_of_another_density_is_no_mechanism_and_a_process_explains_it() -> None:
     """Either what it is or the stiffness that changes as it does."""
     found = in_other_air()
     assert found.leader == found.null
@@ -277,7 +279,7 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_holds_it() -> None
     strict=True,
     reason="the force model takes its slope from the reconstruction, which has followed the density already",
 )
-def test_of_air_of_another_density_the_process_of_density_holds_most() -> None:
+def test_the_process_of_density_explains_most_of_air_of_another_density() -> None:
     assert processes(in_other_air())[0].name == "density_change"
 
 

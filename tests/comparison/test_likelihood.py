@@ -17,7 +17,7 @@ QUICK = CompareConfig(mechanisms=("damping",), maximum_likelihood="quick")
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [400004, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (400005, 400013))])
-def test_errors_of_the_record_are_told_whole(seed: int) -> None:
+def test_errors_of_the_record_are_reported_whole(seed: int) -> None:
     """Whatever a linearisation took out of the record before is part of them: it was 60 standard errors once."""
     found = list(told(drawn_flight(seed, seed - 400000, "tactical", 1.0, 0)))
     assert len(found) >= 4
@@ -26,7 +26,7 @@ def test_errors_of_the_record_are_told_whole(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("asked", "adequate", "run"), [("quick", True, 1), ("quick", False, 0), ("full", False, 1)])
-def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool, run: int) -> None:
+def test_quick_maximum_likelihood_is_of_none_only_where_it_is_adequate(asked: str, adequate: bool, run: int) -> None:
     problem = prepared()
     fit = fit_hypothesis(problem, "none", ())
     said: list[str] = []

@@ -50,7 +50,7 @@ def test_the_planted_amplitude_is_within_and_near() -> None:
     assert planted() < found()["bodyfixed"] < 1.2 * planted()
 
 
-def test_beside_the_leader_little_room_is_left() -> None:
+def test_the_limit_beside_the_leader_is_low() -> None:
     assert found()["damping"] < 0.1
 
 

@@ -61,7 +61,7 @@ def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", [11, pytest.param(26, marks=pytest.mark.slow)])
-def test_processes_do_not_stand_for_an_onset(number: int) -> None:
+def test_processes_do_not_replace_an_onset(number: int) -> None:
     """They and a jump at its end described it as the opposite moment after it, 25 to 110 nats less likely."""
     made, _, _ = drawn_flight(904000 + number, number, "tactical", "all")
     planted = made.true.planted
@@ -117,7 +117,7 @@ def ends(columns: tuple[Regressor, ...]) -> tuple[float, float]:
     return columns[0].time_basis.start, columns[0].time_basis.stop
 
 
-def test_a_region_that_comes_on_holds_as_much_as_one_that_jumps() -> None:
+def test_a_region_with_an_onset_has_the_sum_of_one_that_jumps() -> None:
     """Where it has come on before it ends; parts that it holds in part lie about its first edge."""
     places, held = _every_region(8, (0, 2, 4))
     for (first, last, width), own in zip(places.tolist(), held, strict=True):

@@ -46,7 +46,7 @@ def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_none_stands_where_nothing_is_planted(vehicle: str) -> None:
+def test_none_is_credible_where_nothing_is_planted(vehicle: str) -> None:
     comparison = compare([simulate(vehicle, seed=4100 + VEHICLES.index(vehicle)).flight])
     assert "none" in comparison.verdict.equivalent
     assert comparison.ranking[0].mechanism == "none"
@@ -93,7 +93,7 @@ LATE = MechanismFile(
 
 
 @pytest.mark.thorough
-def test_a_mechanism_that_looks_back_by_a_fixed_time_is_named(tmp_path: Path) -> None:
+def test_a_mechanism_with_a_fixed_delay_is_named(tmp_path: Path) -> None:
     """Its delay is no parameter: the likelihood takes the motion that long ago, and so does the static moment."""
     path = tmp_path / "late.yaml"
     path.write_text(mechanism_text(LATE), encoding="utf-8")

@@ -62,7 +62,7 @@ def test_a_knot_outside_the_record_is_refused_by_name(outside: float) -> None:
 
 
 @pytest.mark.thorough
-def test_knots_are_taken_in_any_order_and_once() -> None:
+def test_order_and_repetition_of_knots_change_nothing() -> None:
     flight = flown("research_cone", "inplane").flight
     ordered, shuffled = (
         compare(flight, CompareConfig(mechanisms=("inplane",), knots=knots, maximum_likelihood="none"))

@@ -48,7 +48,7 @@ def known_as_late(patch: pytest.MonkeyPatch, place: str) -> None:
 
 
 @pytest.mark.parametrize("name", DELAYED)
-def test_it_is_flown_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_flight_is_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cone = load_config("research_cone", plant=(name,)).model_dump(exclude={"plantable"})
     cone |= {"duration": 0.5, "sample_rate": 100.0, "step": 0.01}
     (entry,) = cone["mechanisms"]
@@ -113,7 +113,7 @@ def test_a_comparison_gives_the_same_numbers(alias: Alias, apart: float) -> None
 
 
 @pytest.mark.thorough
-def test_its_likelihood_is_the_same_and_its_delay_is_told_in_its_own_unit() -> None:
+def test_its_likelihood_is_the_same_and_its_delay_is_in_its_own_unit() -> None:
     one, other = (compared(alias).ranking[0] for alias in (None, LATE))
     assert one.ml is not None
     assert other.ml is not None

@@ -23,7 +23,7 @@ def compared(planted: str) -> Comparison:
 
 
 @PLANTED
-def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -> None:
+def test_no_scale_of_all_moments_replaces_a_large_mechanism(planted: str) -> None:
     """Linearised about the leader, one of its whole moment would stand in for both: in the baseline's fit there."""
     found = judged_cone(planted)
     none = found.fits[found.null]

@@ -92,9 +92,7 @@ def test_probabilities_sum_to_one_and_follow_the_evidence(
 
 @pytest.mark.parametrize("rivals", [1, 2, 5, 9])
 @pytest.mark.parametrize(("level", "baseline"), [(0.0, 0.5), (np.log(3.0), 0.25), (-np.log(3.0), 0.75)])
-def test_of_rivals_alike_any_number_takes_the_same_from_the_baseline(
-    rivals: int, level: float, baseline: float
-) -> None:
+def test_the_number_of_equal_rivals_does_not_change_the_baseline(rivals: int, level: float, baseline: float) -> None:
     chances = probabilities({NONE: 0.0, **{f"rival {k}": level for k in range(rivals)}})
     assert chances[NONE] == pytest.approx(baseline)
 
@@ -228,11 +226,11 @@ def test_the_baseline_may_be_named() -> None:
 
 
 @pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89"), (0.0123, "1"), (1e-6, "<0.01"), (0.0, "0")])
-def test_how_much_a_name_explains_is_told_near_nothing_and_all_to_hundredths(share: float, words: str) -> None:
+def test_a_share_near_nothing_or_all_is_printed_to_hundredths(share: float, words: str) -> None:
     assert percent(share) == words
 
 
-def test_close_hypotheses_are_told_together() -> None:
+def test_close_hypotheses_are_reported_together() -> None:
     verdict = said(NULL, LAG, candidate("sticking", 39.5))
     assert (verdict.winner, verdict.outcome) == (None, "undecided")
     assert verdict.equivalent == ("lag", "sticking")
@@ -511,7 +509,7 @@ def test_the_order_of_the_list_is_nothing(order: list[int], levels: list[float])
     assert (one.outcome, one.winner, set(one.equivalent)) == (other.outcome, other.winner, set(other.equivalent))
 
 
-def test_an_error_far_beyond_its_tolerance_speaks_against_a_cause_once() -> None:
+def test_with_an_error_far_beyond_its_tolerance_no_cause_is_established() -> None:
     named = said(candidate("lag", 0.0), candidate(NONE, -30.0))
     near, far = (
         RecordError(name="accel_position x", value=0.01 * times, std_error=0.001, units="m", tolerance=0.01)

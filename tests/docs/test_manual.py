@@ -137,7 +137,7 @@ SHARES = re.compile(r"inplane`?,? (\d+) % \((\d+) to (\d+) %\)")
 
 @pytest.mark.slow
 @pytest.mark.shared
-def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
+def test_the_loop_on_the_measured_entry_runs_as_in_the_manual(brv_hypo, tmp_path):
     (shown,) = (snippet for snippet in snippets("loop") if snippet.language == "sh")
     shutil.copy(shared_file("data/opportunity/opportunity_entry.h5"), tmp_path)
     printed = []
@@ -170,7 +170,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
         ("rocket", "launch12", "imu.map.yaml", (1, ["Degraded", "record fault"])),
     ],
 )
-def test_measured_flights_go_from_tables_to_an_answer_as_told(brv_hypo, tmp_path, name, folder, guessed, told):
+def test_measured_flights_go_from_tables_to_an_answer_as_in_the_manual(brv_hypo, tmp_path, name, folder, guessed, told):
     """Each command of the manual in turn; between the first and the rest the lines that it says to fill in."""
     for path in shared_file(f"data/{folder}").glob("*.csv"):
         shutil.copy(path, tmp_path)
@@ -248,7 +248,7 @@ HOSTED = Path(__file__).parents[2] / ".github" / "manual"
 
 
 class TestPages:
-    def test_a_page_for_each_topic_and_notebook_that_asks_the_network_for_nothing(self, pages):
+    def test_each_topic_and_notebook_has_a_page_that_needs_no_network(self, pages):
         books = [name.removesuffix(".ipynb") for name in notebooks()]
         assert [name for name in pages if name.endswith(".html")] == [
             f"{name}.html" for name in (*topics(), *books, "functions")
@@ -329,7 +329,7 @@ class TestPages:
 
 
 class TestSnippets:
-    def test_dots_stand_for_anything(self):
+    def test_dots_match_anything(self):
         assert matches("a ... c\n...\nend\n", "a b c\nmore\nlines\nend\n")
         assert not matches("a ... c\n", "a b d\n")
 

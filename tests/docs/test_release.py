@@ -56,7 +56,7 @@ def test_the_citation_is_of_this_version() -> None:
     assert cited["references"][0]["number"] in (ROOT / "brv_hypo" / "docs" / "citation.md").read_text()
 
 
-def test_the_picture_is_of_the_demo_and_asks_the_network_for_nothing() -> None:
+def test_the_picture_is_of_the_demo_and_needs_no_network() -> None:
     picture = (ROOT / ".github" / "demo.svg").read_text()
     assert "Verdict" in picture
     assert "sticking" in picture
@@ -71,7 +71,7 @@ def built(tmp_path_factory) -> Path:
     return folder
 
 
-def test_the_wheel_holds_manual_pages_configurations_and_plugins(built) -> None:
+def test_the_wheel_has_manual_pages_configurations_and_plugins(built) -> None:
     (wheel,) = built.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"brv_hypo/docs/{topic}.md" for topic in topics()} | {f"brv_hypo/report/page/{f}" for f in PAGE_FILES}
@@ -201,7 +201,7 @@ def test_another_python_builds_and_installs_the_sdist(other, built) -> None:
     assert other("brv-hypo", "docs", "--notebooks", "books").returncode == 0
 
 
-def test_the_sdist_holds_what_the_wheel_is_built_from(built) -> None:
+def test_the_sdist_has_what_the_wheel_is_built_from(built) -> None:
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}

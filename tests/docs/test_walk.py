@@ -38,6 +38,6 @@ def test_a_task_types_what_is_shown(task, expected, tmp_path) -> None:
     assert all(line[0] == sys.executable for line in TYPED)
 
 
-def test_a_command_that_ends_otherwise_than_told_ends_the_walk(tmp_path) -> None:
+def test_a_command_with_an_unexpected_exit_code_ends_the_walk(tmp_path) -> None:
     with pytest.raises(SystemExit, match=r"(?s)brv_hypo no-such ended with 2: .*No such command"):
         Walk(sys.executable, tmp_path).typed("no-such")

@@ -36,7 +36,7 @@ def test_a_long_record_without_samples_to_spare_is_analysed_as_it_is() -> None:
     assert averaged(slow) is slow
 
 
-def test_what_is_left_is_enough_for_the_motion_and_much_less() -> None:
+def test_means_are_enough_for_the_motion_and_far_fewer() -> None:
     lean = averaged(fine())
     assert lean.samples < SAMPLES / 4
     assert lean.sample_rate > AVERAGED_PER_CYCLE * np.max(np.abs(lean.p)) / (2.0 * np.pi)

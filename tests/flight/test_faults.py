@@ -36,7 +36,7 @@ def test_motion_however_quantised_is_untouched(cycle, phase, quanta, seed):
     assert not np.any(flat_tops(values))
 
 
-def test_digits_as_coarse_as_the_noise_stand_still_where_a_wave_turns():
+def test_digits_as_coarse_as_the_noise_are_not_stuck_where_a_wave_turns():
     """Counted over quiet stretches only, 17 of these 2,000 waves had a peak of four samples called stuck."""
     rng, stuck = np.random.default_rng(27), 0
     for _ in range(2000):
@@ -125,7 +125,7 @@ def test_samples_lost_without_a_trace_are_found():
 
 
 @pytest.mark.parametrize("lost", [2, 10, 60])
-def test_a_gap_that_the_stamps_tell_of_is_no_fault(lost: int):
+def test_a_gap_in_the_stamps_is_no_fault(lost: int):
     """Neither a step of the clock, nor are the samples between two gaps a burst."""
     time, found = channels()
     missing = np.r_[400 : 400 + lost, 440 + lost : 440 + 2 * lost]

@@ -21,9 +21,7 @@ def wave(time: Any, frequency: float = 1.0) -> Any:
 
 
 @given(st.floats(1e-4, 2.0), st.floats(-1e4, 1e4), st.integers(16, 300), st.floats(0.0, 0.0049))
-def test_time_uniform_within_one_percent_is_left_as_it_is(
-    step: float, start: float, samples: int, jitter: float
-) -> None:
+def test_time_uniform_within_one_percent_is_not_changed(step: float, start: float, samples: int, jitter: float) -> None:
     rng = np.random.default_rng(samples)
     time = start + step * (np.arange(samples) + jitter * rng.uniform(-1.0, 1.0, samples))
     values = wave(time)
@@ -183,7 +181,7 @@ def test_a_clean_record_has_no_notes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lost", [6, 10, 24])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_the_attitude_is_carried_across_a_gap_by_what_the_rates_were_in_it(lost: int, noise: float) -> None:
+def test_rates_that_fill_a_gap_give_the_attitude_after_it(lost: int, noise: float) -> None:
     """The integral over the gap errs by no more than a few samples' noise; along a straight line, by far more."""
     step, frequency = 0.005, 1.0
     time = step * np.arange(800)

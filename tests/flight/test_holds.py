@@ -36,7 +36,7 @@ def test_new_values_are_those_of_their_instants(every, first):
     assert f"{100.0 / every:.3g} Hz" in fault.action
 
 
-def test_what_is_not_held_is_left_as_it_is():
+def test_no_hold_is_found_where_there_is_none():
     noise = np.random.default_rng(4).normal(size=TIME.size)
     others = {
         "noisy": SMOOTH + noise,

@@ -76,7 +76,7 @@ def test_a_record_is_described_as_it_was_recorded(tmp_path: Path) -> None:
     assert found.warnings == ()
 
 
-def test_a_flight_in_memory_is_inspected_alike(tmp_path: Path) -> None:
+def test_a_flight_in_memory_is_inspected_as_one_from_a_file(tmp_path: Path) -> None:
     from_memory = inspect_flight(flight(planet="mars"))
     from_file = inspect_flight(write_raw(tmp_path / "f.h5", motion()))
     for a, b in zip(from_memory.channels, from_file.channels, strict=False):

@@ -89,7 +89,7 @@ def test_spikes_close_together_and_beside_gaps_are_found() -> None:
     assert np.flatnonzero(find_spikes(values)).tolist() == [100, 105, 110, 213]
 
 
-def test_a_channel_full_of_outliers_is_left_alone() -> None:
+def test_a_channel_full_of_outliers_has_no_spikes() -> None:
     values = np.random.default_rng(2).standard_normal(SAMPLES)
     values[10::20] += 200.0
     assert not np.any(find_spikes(values))

@@ -290,7 +290,7 @@ def test_every_dataset_has_units_and_time_as_its_scale(tmp_path: Path) -> None:
             assert file["vehicle"][name].attrs["units"] == UNITS[name]
 
 
-def test_an_existing_file_is_left_alone_unless_forced(tmp_path: Path) -> None:
+def test_an_existing_file_is_replaced_only_if_forced(tmp_path: Path) -> None:
     path = tmp_path / "f.h5"
     path.write_text("precious")
     with pytest.raises(UsageError, match="exists already"):
@@ -300,7 +300,7 @@ def test_an_existing_file_is_left_alone_unless_forced(tmp_path: Path) -> None:
     assert load_flight(path).samples == 400
 
 
-def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_write_changes_no_file(tmp_path: Path) -> None:
     path = tmp_path / "f.h5"
     path.write_text("precious")
     with pytest.raises(TypeError):

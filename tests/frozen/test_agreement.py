@@ -115,7 +115,7 @@ def test_an_explained_path_need_only_exist() -> None:
     assert disagreements(frozen, moved, "demo.compare", explanations=[*known, gone]) == left
 
 
-def test_an_explanation_may_ask_for_closeness() -> None:
+def test_an_explanation_may_require_closeness() -> None:
     frozen, moved = {"values": {"x": 1.0}, "messages": {}}, {"values": {"x": 1.0 + 1e-10}, "messages": {}}
     known = [Explanation("a.b:values/x", "another order of sums", "close")]
     assert not disagreements(frozen, moved, "a.b", asked="exact", explanations=known)

@@ -73,7 +73,7 @@ def test_an_error_of_the_record_far_beyond_its_tolerance_is_measured_and_said(pa
 
 
 @pytest.mark.slow
-def test_errors_within_tolerance_leave_the_estimates_within_their_errors():
+def test_with_errors_within_tolerance_estimates_are_within_theirs():
     for simulated, flight in flights("bodyfixed", 2, seed=40, tolerances=1.0):
         work = trial(simulated, flight)
         found = identify(work.frame, work.columns, work.values)

@@ -79,7 +79,7 @@ def test_a_ramp_is_integrated_exactly(knot):
 
 
 @given(knot=st.floats(0.3, 1.5))
-def test_the_averaged_course_is_the_mean_over_the_block(knot):
+def test_the_averaged_time_basis_is_the_mean_over_the_block(knot):
     time_basis, width, time = TimeBasis("jump", knot, knot + 0.2), 0.1, np.linspace(0.1, 1.9, 37)
     fine = np.linspace(-width / 2, width / 2, 4001)
     expected = [np.mean(time_basis(t + fine)) for t in time]
@@ -90,7 +90,7 @@ OWN = OwnTime(np.linspace(0.0, 2.0, 401), np.linspace(0.0, 2.0, 401) ** 1.5 + 3.
 
 
 @pytest.mark.parametrize("kind", ["jump", "ramp"])
-def test_courses_in_common_time_are_placed_where_the_flight_comes_by_them(kind: str) -> None:
+def test_time_bases_in_common_time_are_placed_where_the_flight_passes_them(kind: str) -> None:
     """Simpson's rule has their integrals: of a ramp but for the bend of common time about its knot."""
     time_basis = TimeBasis(kind, 3.5, 4.5)  # type: ignore[arg-type]
     nodes = np.linspace(0.0, 2.0, 41)
@@ -105,13 +105,13 @@ def test_courses_in_common_time_are_placed_where_the_flight_comes_by_them(kind: 
     assert at_start.start == pytest.approx(0.5 ** (2.0 / 3.0), abs=1e-4)
 
 
-def test_a_course_in_a_flights_own_time_stays_as_it_is() -> None:
+def test_a_time_basis_in_a_flights_own_time_is_not_changed() -> None:
     time_basis, time, half = TimeBasis("jump", 1.0), np.linspace(0.0, 2.0, 5), np.zeros(5)
     assert placed(time_basis, time, half, None) == (time_basis, time, half)
 
 
 @pytest.mark.parametrize(("moved", "brought", "stale"), [(0.0, 0.0, False), (0.09, 0.0, True), (0.0, 2e-4, True)])
-def test_a_knot_that_was_held_has_no_error_and_stays_where_it_was(moved: float, brought: float, stale: bool) -> None:
+def test_a_fixed_knot_has_no_error_and_does_not_move(moved: float, brought: float, stale: bool) -> None:
     """Nodes are where they were, or not, whether its error is known or not; so are block means if an estimate moves."""
     nonlinear_parameters = (SimpleNamespace(name="held", kind="knot"), SimpleNamespace(name="free", kind="knot"))
     places = {"held": 1.0, "free": 2.0}

@@ -34,7 +34,7 @@ def test_the_meridian_turns_little_between_nodes(nearest: float, delay: float):
     assert np.all((turn <= 0.5 + 1e-9) | (np.diff(found) <= 0.005 / 16 + 1e-12))
 
 
-def test_a_delay_wants_nodes_where_the_meridian_turned_that_much_earlier():
+def test_a_delay_has_nodes_where_the_meridian_turned_that_much_earlier():
     found = Meridian(passing(1e-3), (0.2,)).with_nodes_between(TIME)
     step = np.interp(2.2, found[:-1], np.diff(found))
     assert step < 0.004

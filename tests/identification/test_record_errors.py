@@ -58,7 +58,7 @@ def test_an_error_touches_what_it_should(linearised, name, touched):
     assert set(histories(linearised[2], name)[1]) == touched
 
 
-def test_what_no_equation_feels_is_left_out(linearised):
+def test_errors_without_effect_on_the_equations_are_left_out(linearised):
     names = {value.name for value in linearised[2]}
     assert not names & {"accel_bias x", "accel_scale x"}
 
@@ -93,7 +93,7 @@ def test_gravity_follows_an_attitude_computed_from_a_rate_that_is_too_large(line
     np.testing.assert_allclose(found, expected, atol=0.1 * np.abs(expected).max())
 
 
-def test_a_moment_of_the_hypothesis_is_not_carried_a_second_time(bodyfixed, linearised):
+def test_a_moment_of_the_hypothesis_is_no_error_of_the_record_too(bodyfixed, linearised):
     frame = bodyfixed[1].frame
     (errors,) = record_errors(frame, (linearised[0],), (linearised[1],), frozenset({"trim"}))
     names = {value.name.split()[0] for value in errors}
@@ -101,7 +101,7 @@ def test_a_moment_of_the_hypothesis_is_not_carried_a_second_time(bodyfixed, line
     assert "dynamic_imbalance" in names
 
 
-def test_courses_hold_the_histories_at_the_nodes(linearised):
+def test_time_varying_errors_are_the_histories_at_the_nodes(linearised):
     flight, inputs, errors = linearised
     local = np.arange(300).reshape(100, 3)
     turn = np.exp(1j * inputs.roll[:300])

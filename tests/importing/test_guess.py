@@ -78,7 +78,7 @@ def test_units_in_a_name_are_checked_against_gravity_and_thrust(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
-def test_a_unit_that_stands_otherwise_is_to_be_turned(tmp_path: Path, axis: int, sign: float) -> None:
+def test_a_unit_with_other_axes_is_rotated(tmp_path: Path, axis: int, sign: float) -> None:
     log = logged()
     flips = np.array([sign, 1.0, sign])
     columns = {"time_s": log["time"]}
@@ -240,7 +240,7 @@ def test_units_at_the_end_of_a_name_are_read_with_their_capitals(column: str, ch
 
 
 @pytest.mark.parametrize(("name", "size", "units"), [("Stamp_days", 86400.0, "day"), ("t_min", 60.0, "min")])
-def test_units_of_time_that_a_name_states_stand(tmp_path: Path, name: str, size: float, units: str) -> None:
+def test_units_of_time_in_a_name_are_kept(tmp_path: Path, name: str, size: float, units: str) -> None:
     """Days were taken for seconds, of 17 MHz; minutes as seconds have a rate that recorders have."""
     log = logged()
     columns = {name: log["time"] / size, **{channel: values for channel, values in log.items() if channel != "time"}}

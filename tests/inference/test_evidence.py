@@ -362,13 +362,13 @@ def check_coverage(draws: int, within: float) -> None:
     assert np.mean(fall < stats.chi2.ppf(0.95, amplitudes)) > 0.95 - within
 
 
-def test_stated_errors_hold_and_amplitudes_are_covered() -> None:
+def test_stated_errors_and_amplitudes_have_their_coverage() -> None:
     """40 draws: three standard errors of a share of 0.95 are 0.10."""
     check_coverage(40, 0.10)
 
 
 @pytest.mark.thorough
-def test_stated_errors_hold_and_amplitudes_are_covered_in_many_draws() -> None:
+def test_stated_errors_and_amplitudes_have_their_coverage_in_many_draws() -> None:
     """1000 draws: three standard errors of a share of 0.95 are 0.021; amplitudes are held at their mode meanwhile."""
     check_coverage(1000, 0.025)
 

@@ -303,7 +303,7 @@ class FourLobes(MomentProcess):
         return turn, 1j * turn
 
 
-def test_what_is_installed_and_not_asked_for_is_in_no_group(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_installed_process_that_was_not_requested_is_in_no_group(monkeypatch: pytest.MonkeyPatch) -> None:
     known = registry.installed()
     entry = replace(known["flow"], item=FourLobes(), package="somebody")
     monkeypatch.setattr(registry, "installed", lambda: {**known, "four_lobes": entry})

@@ -91,7 +91,7 @@ def test_only_regular_files_are_opened(tmp_path, kind):
 
 
 @given(texts())
-def test_printable_text_holds_no_control_code_and_is_left_alone_again(text):
+def test_printable_text_has_no_control_code_and_is_itself_printable(text):
     plain = printable(text)
     assert plain == printable(plain)
     assert not any((ord(c) < 32 and c not in "\n\t") or 127 <= ord(c) < 160 for c in plain)
@@ -101,7 +101,7 @@ def test_printable_text_holds_no_control_code_and_is_left_alone_again(text):
 
 
 @pytest.mark.parametrize("hidden", ["\x1b[2J", "\x9b2J", "\r", "\x07", "\u202e", "\ud800", "\x00"])
-def test_what_a_terminal_would_obey_is_taken_out(hidden):
+def test_control_codes_of_a_terminal_are_removed(hidden):
     assert printable(f"a{hidden}b") in ("ab", "a[2Jb", "a2Jb")
 
 

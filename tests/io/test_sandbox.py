@@ -65,7 +65,7 @@ def opened(path: Path) -> h5py.File:
 
 
 @pytest.mark.parametrize("samples", [50_000_000, 10**12])
-def test_a_dataset_that_is_not_asked_for_is_never_read(tmp_path, samples):
+def test_a_dataset_that_is_not_requested_is_never_read(tmp_path, samples):
     with opened(tmp_path / "f.h5") as file:
         file.create_dataset("telemetry", shape=(samples,), dtype="f8", chunks=(1000,), compression="gzip")
         file["vehicle"].create_dataset("model", shape=(samples,), dtype="f8", chunks=(1000,))
@@ -145,7 +145,7 @@ def test_a_channel_that_is_no_plain_dataset_is_refused_by_name(tmp_path, damage)
         load_flight(tmp_path / "f.h5")
 
 
-def test_groups_that_are_not_asked_for_may_be_anything(tmp_path):
+def test_groups_that_are_not_requested_may_be_anything(tmp_path):
     with opened(tmp_path / "f.h5") as file:
         file["loop"] = file["/"]
         deep = file
@@ -155,7 +155,7 @@ def test_groups_that_are_not_asked_for_may_be_anything(tmp_path):
     assert load_flight(tmp_path / "f.h5").samples == 400
 
 
-def test_a_loop_in_what_is_asked_for_is_refused(tmp_path):
+def test_a_loop_in_a_requested_group_is_refused(tmp_path):
     with opened(tmp_path / "f.h5") as file:
         file["truth/again"] = file.create_group("truth")
     with pytest.raises(FlightRecordError, match="more than 8 groups in one another"):
@@ -167,7 +167,7 @@ def test_a_loop_in_what_is_asked_for_is_refused(tmp_path):
 @pytest.mark.parametrize(
     "value", [np.arange(3.0), np.array(["a", "b"], dtype=h5py.string_dtype()), h5py.Empty("f8"), 1e300, True]
 )
-def test_attributes_of_any_kind_are_refused_or_taken(tmp_path, name, value):
+def test_attributes_of_any_kind_are_refused_or_accepted(tmp_path, name, value):
     with opened(tmp_path / "f.h5") as file:
         file.attrs[name] = value
     assert outcome(tmp_path / "f.h5") is None or name in str(outcome(tmp_path / "f.h5"))

@@ -54,7 +54,7 @@ def test_steps_stay_as_they_are_where_they_may_not_be_extrapolated(held: Problem
     assert left[-1] == pytest.approx(np.linalg.norm(np.linalg.matrix_power(SHRINKS, 5) @ np.full(3, 0.3)))
 
 
-def test_far_steps_are_left_alone() -> None:
+def test_far_steps_are_not_extrapolated() -> None:
     extrapolation = Extrapolation(problem())
     far = step_from(GOAL + 100.0)
     at = Iterate((np.zeros((1, 3)),), GOAL + 100.0, np.eye(1))

@@ -64,7 +64,7 @@ def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
     assert result.theta["late"] == pytest.approx(offset, abs=max(4 * result.std_error["late"], 1e-3))
 
 
-def test_a_delay_stays_within_a_quarter_of_the_record_unless_told_otherwise() -> None:
+def test_a_delay_is_within_a_quarter_of_the_record_by_default() -> None:
     segment = BODY.simulate(200, seed=0)
     result = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth) | {"late": 0.0}, delays=("delay",))
     assert abs(result.theta["delay"]) <= (segment.t[-1] - segment.t[0]) / 4 + 1e-9

@@ -94,7 +94,7 @@ def test_a_parameter_next_to_zero_gets_a_step_in_the_functions_own_scale(start: 
 
 
 @pytest.mark.parametrize("method", ["complex", "central"])
-def test_weights_of_a_course_have_the_derivatives_of_parameters(method: Method) -> None:
+def test_weights_of_a_sampled_parameter_have_the_derivatives_of_parameters(method: Method) -> None:
     rng = np.random.default_rng(3)
     t = np.linspace(0.0, 2.0, 40)
     shapes = np.stack([np.ones_like(t), t, np.sin(3.0 * t)])
@@ -105,19 +105,19 @@ def test_weights_of_a_course_have_the_derivatives_of_parameters(method: Method) 
         drift = theta["a"] * shapes[0] + theta["b"] * shapes[1] + theta["c"] * shapes[2]
         return np.stack([theta["k"] * x[0] * drift**2, x[1] + drift])
 
-    def with_course(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    def with_sampled(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([theta["k"] * x[0] * theta["drift"] ** 2, x[1] + theta["drift"]])
 
     course = SampledParameter("drift", ("a", "b", "c"), shapes)
     names = tuple(theta)
     expected = jacobian(plain, Points(x, u, t), theta, names, method, {})
-    found = jacobian(with_course, Points(x, u, t, time_varying=(course,)), theta, names, method, {})
+    found = jacobian(with_sampled, Points(x, u, t, time_varying=(course,)), theta, names, method, {})
     np.testing.assert_allclose(found.value, expected.value, rtol=1e-14)
     np.testing.assert_allclose(found.by_state, expected.by_state, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.by_parameter, expected.by_parameter, rtol=1e-7, atol=1e-8)
 
 
-def test_a_weight_of_two_courses_acts_through_both() -> None:
+def test_a_weight_of_two_sampled_parameters_acts_through_both() -> None:
     t = np.linspace(0.0, 2.0, 40)
     slow, fast = np.ones((1, t.size)), np.stack([np.sin(3.0 * t), t])
     x, theta = np.random.default_rng(5).standard_normal((1, t.size)), {"a": 0.4, "b": -1.2}

@@ -107,7 +107,7 @@ def test_it_stays_accurate_where_the_motion_grows_or_decays_beyond_the_range_of_
     np.testing.assert_allclose(found.x @ np.ones(1), truth, atol=1e-10)
 
 
-def test_a_state_that_no_output_sees_is_reported() -> None:
+def test_an_unobservable_state_cannot_be_eliminated() -> None:
     problem = random_problem(1, 10, 2, 0.0)
     blocks = np.tile(np.stack([-np.eye(2), np.eye(2)]), (9, 1, 1, 1))
     by_state = problem.by_state.toarray()
@@ -145,7 +145,7 @@ def test_a_delay_is_eliminated_as_by_dense_algebra() -> None:
     )
 
 
-def test_rows_of_blocks_stand_where_their_samples_do() -> None:
+def test_rows_of_blocks_are_placed_as_their_samples() -> None:
     blocks = np.random.default_rng(0).standard_normal((4, 2, 3, 2))
     expected = np.zeros((12, 10))
     for k, (before, after) in enumerate(blocks):

@@ -248,7 +248,7 @@ def test_parameters_that_the_data_cannot_separate_are_named() -> None:
     assert np.isnan(result.std_error["alpha_trim"])
 
 
-def test_a_state_that_no_output_sees_is_a_status() -> None:
+def test_an_unobservable_state_is_a_status() -> None:
     def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([theta["a"] * x[0], theta["b"] * x[1]])
 
@@ -262,7 +262,7 @@ def test_a_state_that_no_output_sees_is_a_status() -> None:
 SHORT_FIT = fit(SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 1.0))
 
 
-def test_noise_free_data_give_back_the_truth_and_say_that_they_hold_no_noise() -> None:
+def test_noise_free_data_give_the_truth_and_a_remark_that_there_is_no_noise() -> None:
     quiet = replace(SHORT, noise=np.zeros(2), rate=100.0)
     result = fit(quiet.dynamics, quiet.outputs, [quiet.simulate(800, 0)], scaled(quiet, 0.5))
     assert result.converged
@@ -347,7 +347,7 @@ def test_the_units_of_the_states_do_not_matter() -> None:
         assert other.std_error[name] == pytest.approx(one.std_error[name], rel=1e-5)
 
 
-def test_a_start_that_fits_poorly_stands_where_zero_is_not_defined() -> None:
+def test_a_start_that_fits_poorly_converges_where_zero_is_not_defined() -> None:
     """x' = -x / tau, of which both x and its rate are measured: nothing can be tried at tau = 0."""
     t = np.arange(100) / 20
     decay = np.exp(-t / 0.8)

@@ -84,7 +84,7 @@ def near() -> FitResult:
     return estimated(SHORT_RECORD, 2.0)
 
 
-def test_measurement_and_process_noise_are_told_apart_with_their_errors() -> None:
+def test_measurement_and_process_noise_are_separated_with_their_errors() -> None:
     result = near()
     assert result.converged, result.message
     assert result.iterations <= 15
@@ -181,7 +181,7 @@ def test_only_what_is_undetermined_loses_its_error() -> None:
 
 
 @pytest.mark.parametrize("drive", [(0.0, 0.0), (0.05, 0.05)])
-def test_with_a_state_that_no_output_sees_there_are_no_errors(drive: tuple[float, float]) -> None:
+def test_with_an_unobservable_state_there_are_no_errors(drive: tuple[float, float]) -> None:
     def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([theta["a"] * x[0] + u[0], theta["b"] * x[1]])
 
@@ -242,7 +242,7 @@ def test_nonlinear_motion_in_noise_converges(seed: int) -> None:
     assert all(abs(result.theta[k] - v) < 4 * result.std_error[k] for k, v in truth.items())
 
 
-def test_errors_hold_what_the_noise_is_not_known_by() -> None:
+def test_errors_include_those_of_the_process_noise() -> None:
     """With one variance unknown: its error times what the parameters move as it does, by fits with it held."""
 
     def spring(x: Any, u: Any, theta: Any, t: Any) -> Any:

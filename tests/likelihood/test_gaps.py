@@ -62,7 +62,7 @@ def test_stretches_lie_between_long_gaps_only() -> None:
 
 
 @pytest.mark.parametrize("process_noise", [None, pytest.param([0.01, 0.01], marks=pytest.mark.thorough)])
-def test_an_output_without_samples_is_told(process_noise: list[float] | None) -> None:
+def test_an_output_without_samples_has_a_remark(process_noise: list[float] | None) -> None:
     problem = short_period()
     record = problem.simulate(200, seed=0)
     alone = np.array(record.y)

@@ -19,7 +19,7 @@ from tests.studies.likelihood.problems import held_short_period, oscillator, thi
 
 
 @pytest.mark.thorough
-def test_a_held_input_gives_no_bias_where_it_is_said_to_be_held() -> None:
+def test_a_held_input_gives_no_bias_where_it_is_declared_as_held() -> None:
     assert np.abs(hold_bias(200)).max() < 0.02
     said: list[str] = []
     print_hold(3, 1, said.append)

@@ -39,7 +39,7 @@ def test_eq_3_11_is_the_maximum_of_the_likelihood_and_keeps_its_floor() -> None:
     np.testing.assert_array_equal(estimate_variance(0.0 * RESIDUAL, np.full(3, 1e-9)), 1e-9)
 
 
-def test_third_differences_see_the_noise_and_not_the_motion() -> None:
+def test_third_differences_have_the_noise_and_not_the_motion() -> None:
     t = np.arange(2000) / 25
     y = np.stack([np.sin(2 * t), 5 * np.cos(t)]) + np.array([[0.01], [0.3]]) * RNG.standard_normal((2, 2000))
     y[0, 100:120] = np.nan

@@ -53,7 +53,7 @@ def test_an_inferior_optimum_is_never_called_converged(better: Status) -> None:
     assert "100" in best.message
 
 
-def test_of_ends_equally_good_one_that_converged_is_taken() -> None:
+def test_of_equally_good_ends_one_that_converged_is_chosen() -> None:
     best = chosen({"a": ended(100.1, Status.STALLED), "b": ended(100.0), "c": ended(float("nan"))})
     assert best.status is Status.CONVERGED
     assert best.log_likelihood == 100.0

@@ -53,7 +53,7 @@ def test_delays_come_back(start: float) -> None:
     assert np.sqrt(np.mean(found.score**2)) < 1.8
 
 
-def test_a_timing_carries_its_target_and_growth_is_a_slope() -> None:
+def test_a_timing_has_its_wall_time_and_growth_is_a_slope() -> None:
     timing = time_problem("short period", short_period(), 200, repeats=1, target=0.1)
     assert timing.status == "converged"
     assert 0 < timing.best <= timing.wall

@@ -45,7 +45,7 @@ def test_covariance_and_near_null_directions() -> None:
     assert np.isnan(held[1]).all()
 
 
-def test_p_values_of_white_noise_are_uniform_and_colour_is_seen() -> None:
+def test_p_values_of_white_noise_are_uniform_and_colour_is_found() -> None:
     rng = np.random.default_rng(2)
     p_values = [whiteness([rng.standard_normal((1, 400))], lags=20)[0].p_value for _ in range(300)]
     assert kstest(p_values, "uniform").pvalue > 1e-3

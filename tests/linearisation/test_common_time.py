@@ -63,7 +63,7 @@ def test_common_time_is_that_of_the_reference_flight_at_the_same_mach_number(see
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
-def test_the_reference_is_the_flight_of_the_widest_range_wherever_it_stands(order: tuple[int, ...]) -> None:
+def test_the_reference_is_the_flight_of_the_widest_range_in_any_order(order: tuple[int, ...]) -> None:
     records = [(OTHER_TIME, mach(first_time(OTHER_TIME))), (TIME, mach(TIME)), (TIME + 20.0, mach(TIME) * 0.99)]
     found = common_time([records[k] for k in order])
     assert isinstance(found, CommonTime)
@@ -118,7 +118,7 @@ def test_an_alignment_by_which_time_would_run_backwards_is_none() -> None:
         (mach(first_time(OTHER_TIME))[::-1], "rises on others"),
     ],
 )
-def test_flights_whose_mach_numbers_do_not_tell_time_have_none_in_common(other: FloatArray | None, word: str) -> None:
+def test_flights_whose_mach_numbers_do_not_give_time_have_none_in_common(other: FloatArray | None, word: str) -> None:
     found = common_time([(TIME, mach(TIME)), (OTHER_TIME, other)])
     assert isinstance(found, str)
     assert word in found
@@ -143,7 +143,7 @@ def moment(time: FloatArray) -> FloatArray:
 
 @settings(max_examples=40, deadline=None)
 @given(kind=st.sampled_from(["constant", "jump", "ramp"]), start=st.floats(1.0, 6.5), length=st.floats(0.2, 6.0))
-def test_columns_are_integrals_of_courses_in_common_time(kind: str, start: float, length: float) -> None:
+def test_columns_are_integrals_of_time_bases_in_common_time(kind: str, start: float, length: float) -> None:
     """Wherever the knots lie; a ramp is straight in common time, and bent in the flight's own."""
     time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, start, start + length)  # type: ignore[arg-type]
     here = segment(first_time(OTHER_TIME))
@@ -202,7 +202,7 @@ def test_what_begins_where_flights_by_the_clock_have_ended_is_nothing_of_them(co
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 1, 0)])
-def test_a_mach_number_and_the_reference_are_those_of_one_flight_wherever_it_stands(order: tuple[int, ...]) -> None:
+def test_common_mach_numbers_do_not_depend_on_the_order_of_flights(order: tuple[int, ...]) -> None:
     records = [
         (TIME, noisy(mach(TIME), 3)),
         (OTHER_TIME, noisy(mach(first_time(OTHER_TIME)), 4)),

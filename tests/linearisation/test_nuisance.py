@@ -48,7 +48,7 @@ def at_half_the_rate() -> Problem:
     return prepared()
 
 
-def test_one_more_mechanism_is_carried_as_if_it_had_been_from_the_start() -> None:
+def test_an_added_nuisance_effect_is_as_if_it_had_been_there_from_the_start() -> None:
     """The bend does not act where the motion is linearised."""
     made = reconstructed()
     settings, config = Settings((ReconstructionConfig(),), None), CompareConfig()
@@ -79,7 +79,7 @@ def both(seed: int) -> Histories:
 
 
 @pytest.mark.thorough
-def test_every_seed_carries_the_same_effects_each_once() -> None:
+def test_every_seed_has_the_same_nuisance_effects_each_once() -> None:
     one, other = (problem(seed).rows.nuisances for seed in SEEDS)
     assert set(carried(one)) == set(carried(other))
     assert len({item.label for item in one.items}) == len(one.items)

@@ -48,7 +48,7 @@ def test_a_motion_that_a_fit_led_to_is_linearised_about_as_it_is(point):
 @pytest.mark.parametrize(
     ("name", "size"), [(START[0], 1e-3), (START[1], -2e-3), (GRAVITY_ERRORS[2], 0.1), (GRAVITY_ERRORS[0], -0.2)]
 )
-def test_an_error_of_the_start_is_taken_from_it(point, name, size):
+def test_an_error_of_the_start_is_subtracted(point, name, size):
     record, smooth = point
     true = PropagatedMotion.of(record, smooth)
     direction, gravity = true.start.direction, true.start.gravity
@@ -64,7 +64,7 @@ def test_an_error_of_the_start_is_taken_from_it(point, name, size):
     np.testing.assert_allclose(found.start.gravity, true.start.gravity, atol=1e-12)
 
 
-def test_an_error_of_the_walk_is_taken_from_it(point):
+def test_an_error_of_the_walk_is_subtracted(point):
     record, smooth = point
     true = PropagatedMotion.of(record, smooth)
     wrong = replace(true, walk=true.walk + walk_sines(record, 3)[0] @ np.array([0.5, 0.0, -1.0 + 2.0j]))

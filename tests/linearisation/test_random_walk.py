@@ -15,7 +15,7 @@ from tests.chains import prepared, reconstructed
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: int):
+def test_noise_of_the_gyros_makes_the_walk_of_its_unknown(order: int):
     """Noise of -i w in the rates across the velocity is read as a walk of w less, so that its correction is w."""
     record, point = linearisation_point(reconstructed(), ReconstructionConfig())
     nominal = NominalMotion(record, point.start)
@@ -40,7 +40,7 @@ def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
 
 
 @pytest.mark.thorough
-def test_what_is_tied_is_known_better():
+def test_coefficients_with_the_measurement_model_are_known_better():
     """The same coefficients with a walk beside the noise are less certain."""
     problem = prepared(knot_count=3)
     frame, columns = problem.frame, problem.baseline

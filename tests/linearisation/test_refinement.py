@@ -25,7 +25,7 @@ def test_a_knot_stays_within_the_record(place: float) -> None:
         assert knot.bounds[0] < knot.bounds[1]
 
 
-def test_what_lags_is_told_with_the_static_moment_that_goes_with_it() -> None:
+def test_a_self_consistent_lag_does_not_change_in_a_further_pass() -> None:
     best = with_errors(problem(), self_consistent(problem(), fitted("lag")))
     again = self_consistent(problem(), best)
     errors = np.sqrt(np.diag(best.covariance))

@@ -39,12 +39,12 @@ def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(listed: tuple
     assert set(SHAPES) - {name for each in found for name in each.shapes} == gone
 
 
-def test_a_mechanism_with_a_delay_leaves_every_shape() -> None:
+def test_beside_a_mechanism_with_a_delay_every_shape_is_unmodelled() -> None:
     found = unmodelled_moments(problem(), [find("lag"), find("sticking")], OUTSIDE)
     assert [each.shapes for each in found] == [(name,) for name in SHAPES]
 
 
-def test_nothing_is_left_beside_a_mechanism_of_every_shape() -> None:
+def test_beside_a_mechanism_of_every_shape_none_is_unmodelled() -> None:
     assert unmodelled_moments(problem(), [UnmodelledMoment(shapes=SHAPES)], OUTSIDE) == ()
 
 
@@ -70,7 +70,7 @@ def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
     assert ["body-fixed cosine", "body-fixed sine"] in choices.values()
 
 
-def test_it_is_fitted_beside_a_baseline_that_holds_some_of_its_shapes() -> None:
+def test_it_is_fitted_beside_a_baseline_that_has_some_of_its_shapes() -> None:
     """Offset and stiffness are the baseline's own, but for their changes in time."""
     anything = UnmodelledMoment(shapes=SHAPES)
     fit = fit_hypothesis(problem(), anything.name, (anything,))
@@ -129,6 +129,6 @@ def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) 
     assert across.in_plane + 1j * across.out_of_plane == pytest.approx(1j * (along.in_plane + 1j * along.out_of_plane))
 
 
-def test_nothing_is_left_where_it_can_turn_by_no_half_turn() -> None:
+def test_there_is_none_where_it_can_turn_by_no_half_turn() -> None:
     start = float(problem().frame.time[0])
     assert turning_moment(problem(), [], OUTSIDE, start, start + 1e-3) is None

@@ -332,7 +332,7 @@ def test_a_file_is_enough(tmp_path):
     assert in_comparison("bodyfixed") == OWN | NAMES
 
 
-def test_what_is_installed_and_not_asked_for_is_in_none(distribution):
+def test_an_installed_effect_that_was_not_requested_is_in_no_hypothesis(distribution):
     assert set(installed()) > NAMES
     assert in_every_hypothesis() == OWN == in_comparison("bodyfixed")
     with registry.requested({"four_lobes"}):

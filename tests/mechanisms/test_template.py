@@ -67,7 +67,7 @@ def test_a_name_that_cannot_be_one_is_refused(name, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_existing_package_is_left_alone(tmp_path):
+def test_an_existing_package_is_not_changed(tmp_path):
     package = write_plugin("mine", tmp_path)
     (package / "README.md").write_text("my notes")
     with pytest.raises(UsageError, match="exists already"):

@@ -50,7 +50,7 @@ def test_a_force_that_no_motion_explains_is_warned_of(names: str, factor: float)
 
 
 @pytest.mark.parametrize(("lost", "told"), [(0, False), (8, False), (120, True)])
-def test_a_gap_across_which_nothing_tells_the_attitude_is_told(lost: int, told: bool) -> None:
+def test_a_gap_across_which_the_attitude_is_unknown_is_warned_of(lost: int, told: bool) -> None:
     flight = nominal().flight
     gapped = replace(flight, segments=((0, 400), (400 + lost, flight.samples))) if lost else flight
     warnings = " ".join(reconstruct(gapped).warnings)

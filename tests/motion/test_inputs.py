@@ -43,7 +43,7 @@ def test_the_last_digit_of_signal_and_weight_moves_the_curve_by_rounding(seed: i
 
 @pytest.mark.parametrize("turns", [0.0, 1.0, 6.0])
 @pytest.mark.parametrize("weight", ["even", "growing"])
-def test_what_noise_leaves_is_as_large_as_stated(turns: float, weight: str):
+def test_the_error_of_a_smoothed_input_is_as_large_as_stated(turns: float, weight: str):
     """Over draws, the square of the true error is that of all shapes."""
     clean = np.exp(0.2 * TIME) + 0.05 * np.sin(turns * TIME)
     weights = np.ones_like(TIME) if weight == "even" else np.exp(0.3 * TIME)
@@ -68,7 +68,7 @@ def test_the_density_is_found_where_pressure_is_lost_in_noise():
     assert np.median(np.abs(smooth - pressure)[late]) < 0.3 * 3e3
 
 
-def test_the_errors_are_courses_of_their_flight():
+def test_the_errors_are_sampled_parameters_of_their_flight():
     flight = nominal().flight
     inputs = smooth_inputs(reconstruct(flight))
     courses = [input_error(error, 2) for error in inputs.errors]
@@ -87,7 +87,7 @@ def test_a_spline_follows_a_channel_whose_noise_grows_with_it(grows: bool) -> No
     assert not follows(clean + noise + 3e-3 * clean * np.sin(6.0 * flight.time), clean, flight)
 
 
-def test_shapes_are_told_as_far_as_the_rates_see_them() -> None:
+def test_shapes_are_significant_as_far_as_the_rates_observe_them() -> None:
     """Quiet gyros see finer errors of the pressure than ten shapes hold; gyros a hundred times as loud do not."""
     reconstruction = reconstruct(nominal().flight)
     scale = 1e-2 * np.eye(67) / np.arange(1.0, 68.0)
@@ -98,7 +98,7 @@ def test_shapes_are_told_as_far_as_the_rates_see_them() -> None:
     assert significant_shapes(scale, shares, loud).shape[1] < fine
 
 
-def test_what_is_left_as_it_is_holds_all_of_its_slow_noise() -> None:
+def test_an_input_that_is_not_smoothed_has_all_of_its_slow_noise() -> None:
     """Over draws: projected on the shapes, white noise has unit weights."""
     shapes = InputError(ROLL_RATE, (float(TIME[0]), float(TIME[-1])), unsmoothed(TIME.size, 2e-3)).shapes(TIME)[:20]
     noise = 2e-3 * np.random.default_rng(6).standard_normal((TIME.size, 400))

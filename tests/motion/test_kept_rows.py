@@ -42,7 +42,7 @@ def test_short_records_and_slow_sampling_keep_all(stride: int) -> None:
 
 
 @given(samples=st.integers(1, 100_000))
-def test_blocks_hold_every_sample_once(samples: int) -> None:
+def test_blocks_have_every_sample_once(samples: int) -> None:
     assert np.array_equal(np.concatenate([np.arange(samples)[b] for b in blocks(samples)]), np.arange(samples))
 
 

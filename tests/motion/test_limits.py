@@ -12,7 +12,7 @@ from brv_hypo.motion.pipeline import limits_of, moment_estimate
 from tests.flights import nominal
 
 
-def test_noise_is_told_of_the_moments_that_the_gyros_show() -> None:
+def test_noise_is_compared_with_the_moments_that_the_gyros_measured() -> None:
     """Fitted errors of the record that take nearly all of the moments do not make the noise thousands of times them."""
     config = ReconstructionConfig(method="rates")
     record = inertial_record(nominal().flight, config)

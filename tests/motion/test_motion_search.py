@@ -78,7 +78,7 @@ def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(v
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", [990.0, 1010.0])
-def test_errors_of_a_measured_entry_leave_its_gravity(start: float) -> None:
+def test_errors_of_a_measured_entry_do_not_change_its_gravity(start: float) -> None:
     """What the model lacks made gravity of 1.3 g there, and alpha of 22 deg at the end of the record."""
     whole = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), instruments="opportunity")
     flight = whole.window(start, None)

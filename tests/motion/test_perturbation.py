@@ -42,7 +42,7 @@ def test_a_variant_that_is_the_flight_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("effect", [effect.name for effect in nuisance_effects() if effect.kind == "instrument"])
-def test_one_error_is_taken_out_as_its_effect_says(effect: str) -> None:
+def test_one_error_is_removed_by_its_effect_with_the_opposite_sign(effect: str) -> None:
     for each in perturbations(FLIGHT):
         if each.effect == effect:
             found = without(FLIGHT, {(each.effect, each.component): 3.0 * each.size})

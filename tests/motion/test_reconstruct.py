@@ -124,13 +124,13 @@ def test_stated_sigmas_count_what_the_tolerances_allow() -> None:
     assert np.degrees(max(flight.error[0] for flight in flights)) < 0.15
 
 
-def test_an_error_without_effect_on_the_record_is_not_carried(truths: dict[str, Truth]) -> None:
+def test_an_error_without_effect_on_the_record_is_no_nuisance(truths: dict[str, Truth]) -> None:
     flight = observe(truths["cone"], 0)
     idle = Perturbation("idle", "x", "1", 1.0, lambda record, value: record)
     assert reconstruct(flight, None, (idle,)).effects == ()
 
 
-def test_what_was_found_of_an_error_is_taken_out_of_the_corrected_flight(truths: dict[str, Truth]) -> None:
+def test_the_estimate_of_an_error_is_subtracted_in_the_corrected_flight(truths: dict[str, Truth]) -> None:
     flight = observe(truths["cone"], 0)
     bias = Perturbation("bias", "q", "rad/s", 1e-3, lambda record, value: replace(record, q=record.q + value))
     found = reconstruct(bias.apply(flight, 2e-3), None, (bias,))
@@ -186,7 +186,7 @@ def test_slope_gravity_and_noise_are_found(truths: dict[str, Truth], cone: Recon
     assert slender.gravity_body[1:] == pytest.approx(across, abs=0.2)
 
 
-def test_a_gap_is_carried_over(truths: dict[str, Truth]) -> None:
+def test_a_gap_is_bridged_with_a_larger_sigma(truths: dict[str, Truth]) -> None:
     truth = truths["cone"]
     flight = observe(truth, 1)
     gap = slice(400, 408)
@@ -244,7 +244,7 @@ def test_opportunity_oscillates_more_and_more_as_it_slows_down() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.4, 2.0, -3.0])
-def test_instruments_turned_about_the_axis_see_the_same_motion(cone: Reconstruction, angle: float) -> None:
+def test_instruments_turned_about_the_axis_give_the_same_motion(cone: Reconstruction, angle: float) -> None:
     flight = cone.flight
     turn = np.exp(1j * angle)
     rate, force = (flight.q + 1j * flight.r) * turn, (flight.ay + 1j * flight.az) * turn

@@ -34,7 +34,7 @@ def scaled(flight, factor, *names):
 
 
 @pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
-def test_a_sound_record_stands_and_is_not_touched(flights, name):
+def test_a_sound_record_is_sound_and_not_changed(flights, name):
     kept, trial = try_record(flights[name])
     assert kept is flights[name]
     assert trial.sound
@@ -145,7 +145,7 @@ def test_a_flight_of_which_nothing_can_be_used_is_reported(flights):
     assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [("record", "unusable", True)]
 
 
-def test_a_window_too_short_for_any_record_stands_untried(flights):
+def test_a_window_too_short_for_any_record_counts_as_sound(flights):
     kept, trial = try_record(flights["cone"].window(None, flights["cone"].time[7]))
     assert (kept.samples, trial.sound, trial.faults) == (8, True, ())
 
@@ -174,7 +174,7 @@ def test_the_measured_entry_of_opportunity_is_sound(start, stop):
     assert try_record(flight)[1].sound
 
 
-def test_a_window_too_short_to_try_is_left_to_who_asks_for_it(flights):
+def test_a_window_too_short_to_try_is_no_fault_of_the_record(flights):
     """The record is valid; that its window cannot answer is no fault of it."""
     window = next(iter(flights.values())).window(100.0, 100.01)
     tried, trial = try_record(window)

@@ -27,7 +27,7 @@ def test_instruments_are_late_against_the_gyros() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.0])
-def test_a_large_mechanism_is_not_taken_for_errors_of_the_record(factor: float) -> None:
+def test_a_large_mechanism_is_not_mistaken_for_errors_of_the_record(factor: float) -> None:
     made, found = flown("lag", factor)
     asked = sum((each.value / each.size) ** 2 for each in found.effects)
     assert asked < 3.0 * len(found.effects)

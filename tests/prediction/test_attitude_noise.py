@@ -37,7 +37,9 @@ def fast(noise: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("frequency", [3.0, 6.0])
-def test_a_model_that_follows_the_noise_leaves_less_of_it(record: InertialRecord, frequency: float) -> None:
+def test_a_model_that_follows_the_noise_has_less_of_it_in_its_residual(
+    record: InertialRecord, frequency: float
+) -> None:
     step, spin = record.flight.step, record.spin_rate
     noise = np.random.default_rng(3).standard_normal((200, record.time.size))
     walk = step * np.cumsum(fast(noise), axis=1)
@@ -50,7 +52,7 @@ def test_a_model_that_follows_the_noise_leaves_less_of_it(record: InertialRecord
     assert np.mean(left**2) / np.mean(measured**2) == pytest.approx(told[0], abs=0.01)
 
 
-def test_a_moment_that_does_not_restore_leaves_all(record: InertialRecord) -> None:
+def test_with_a_moment_that_does_not_restore_all_noise_is_residual(record: InertialRecord) -> None:
     assert noise_share(record, np.zeros(3), MODES) == pytest.approx(np.ones(3))
     assert np.all(noise_share(record, np.full(3, 9.0), MODES) > 1.0)
 
@@ -77,7 +79,7 @@ def noise_in_moments(flight: Flight, noise: ComplexArray) -> float:
 
 
 @pytest.mark.slow
-def test_what_a_known_model_leaves_of_noise_is_what_the_band_says(exact: SavedModel) -> None:
+def test_the_residual_of_a_known_model_is_the_noise_in_the_band(exact: SavedModel) -> None:
     """Of the noise that there is: how loud it came out on a few seconds is no part of it."""
     config = trimmed_cone(TRIM)
     quiet = simulate(config.model_copy(update={"instruments": InstrumentsConfig()}), seed=0).flight

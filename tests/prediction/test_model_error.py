@@ -50,7 +50,7 @@ def _corrected(flight: Flight) -> Corrected:
     return correct(source, start_model(source))
 
 
-def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
+def with_residual(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
     """Residual moments of that standard deviation, number or (rows,), beside the noise."""
     rng = np.random.default_rng(seed)
     known = residual_moments(data.frame, data.records, data.frame.observed)
@@ -64,30 +64,32 @@ def noise_of(data: Corrected) -> float:
 
 
 @pytest.mark.parametrize("times", [2.0, 10.0])
-def test_what_is_left_beyond_the_noise_comes_back(data: Corrected, times: float) -> None:
+def test_a_residual_beyond_the_noise_is_the_error_of_the_model(data: Corrected, times: float) -> None:
     noise = noise_of(data)
-    found = model_error(data, left_at(data, times * noise), left_at(data, 2.0 * times * noise))
+    found = model_error(data, with_residual(data, times * noise), with_residual(data, 2.0 * times * noise))
     assert np.all(np.diff(found.mach) > 0.0)
     assert np.sqrt(np.mean(np.square(found.own))) == pytest.approx(times * noise, rel=0.15)
     assert np.sqrt(np.mean(np.square(found.elsewhere))) == pytest.approx(2.0 * times * noise, rel=0.15)
 
 
-def test_a_model_that_leaves_noise_alone_adds_little_to_it(data: Corrected) -> None:
-    found = model_error(data, left_at(data, 0.0), left_at(data, 0.0))
+def test_a_residual_of_noise_alone_makes_little_model_error(data: Corrected) -> None:
+    found = model_error(data, with_residual(data, 0.0), with_residual(data, 0.0))
     noise = noise_of(data)
     assert np.sqrt(np.mean(np.square(found.own))) < 0.4 * noise
 
 
-def test_noise_alone_seldom_leaves_anything_on_any_stretch(data: Corrected) -> None:
+def test_noise_alone_seldom_makes_a_model_error_on_any_stretch(data: Corrected) -> None:
     """Of many stretches, some leave more than all but one in twenty would."""
-    found = [model_error(data, left_at(data, 0.0, seed), left_at(data, 0.0, seed)).own for seed in range(100)]
+    found = [
+        model_error(data, with_residual(data, 0.0, seed), with_residual(data, 0.0, seed)).own for seed in range(100)
+    ]
     assert len(found[0]) > 4
     assert sum(any(each) for each in found) <= 10
 
 
-def test_it_is_told_where_it_was_left(data: Corrected) -> None:
+def test_it_is_at_the_mach_numbers_of_the_residual(data: Corrected) -> None:
     mach = data.frame.motions[0].mach[data.frame.samples(0)]
-    found = model_error(data, left_at(data, np.where(mach > 9.0, 1e-3, 0.0)), left_at(data, 0.0))
+    found = model_error(data, with_residual(data, np.where(mach > 9.0, 1e-3, 0.0)), with_residual(data, 0.0))
     low, high = found.at(np.array([6.5, 11.5]), elsewhere=False)
     assert low < 0.1 * high
     assert high == pytest.approx(1e-3, rel=0.25)
@@ -96,7 +98,7 @@ def test_it_is_told_where_it_was_left(data: Corrected) -> None:
 def test_without_a_mach_number_there_is_one_value() -> None:
     flight = nominal().flight
     unknown = _corrected(replace(flight, mach=None))
-    found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
+    found = model_error(unknown, with_residual(unknown, 1e-3), with_residual(unknown, 1e-3))
     assert found.mach == ()
     assert found.own[0] == pytest.approx(1e-3, rel=0.2)
 
@@ -208,7 +210,7 @@ def test_a_file_of_earlier_versions_is_read() -> None:
 
 
 @pytest.mark.thorough
-def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None:
+def test_the_models_error_widens_the_band_and_is_reported(record: Flight) -> None:
     definition = traced_trim().model.definition
     plain, unsure = (
         predict(record, definition.model_copy(update={"error": error}))
@@ -222,7 +224,7 @@ def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None
     assert "times the noise" not in plain.reason
 
 
-def test_a_trace_tells_its_models_error(record: Flight) -> None:
+def test_a_trace_estimates_its_models_error(record: Flight) -> None:
     definition = traced_trim().model.definition
     assert definition.error is not None
     assert definition.times == ((float(record.time[0]), float(record.time[-1])),)

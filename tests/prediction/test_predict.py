@@ -172,7 +172,7 @@ def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) 
     assert f"Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}" in changed.reason
 
 
-def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction) -> None:
+def test_the_change_is_on_the_page_and_survives_its_json(changed: Prediction) -> None:
     document = prediction_document(changed)
     tables = [block for block in document.blocks if isinstance(block, Table)]
     rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
@@ -279,7 +279,7 @@ def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, 
 
 
 @pytest.mark.thorough
-def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> None:
+def test_nearly_all_samples_are_in_the_band(traced: Trace, sister: Flight) -> None:
     band = predict(sister, traced.model.definition, ("trim", "instruments")).band
     assert 0.90 <= band.inside <= 0.99
     widths = np.array(band.half_width)
@@ -328,7 +328,7 @@ def magnus_found() -> Trace:
     return trace(flight, effects=["magnus"], discover=False)
 
 
-def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
+def test_a_model_that_does_not_hold_is_reported_with_what_may_help(
     traced: Trace, sister: Flight, predicted: Prediction
 ) -> None:
     wrong = traced.model.definition.model_dump()
@@ -340,7 +340,9 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
     assert "--refit" not in predicted.reason
 
 
-def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted: Prediction, held: Prediction) -> None:
+def test_errors_of_the_other_flight_itself_are_reported_with_the_remedy(
+    predicted: Prediction, held: Prediction
+) -> None:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
     assert held.error.frozen > 2.0 * predicted.error.frozen
     assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
@@ -354,7 +356,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
 
 @pytest.mark.shared
 @pytest.mark.slow
-def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
+def test_on_a_measured_record_a_frozen_model_far_off_is_reported_with_the_remedy() -> None:
     """Found on the first two fifths of the entry, asked of all of it: half of it holds everywhere."""
     entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     settings = TraceConfig(effects=("trim",), discover=False, max_steps=1)

@@ -150,7 +150,7 @@ def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
     assert "no processes" not in names
 
 
-def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(planted, planted_charts) -> None:
+def test_the_overview_has_the_moment_without_the_rest_and_the_leaders_fit(planted, planted_charts) -> None:
     """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
     left, made, summed = (np.array(each) for each in planted.series[0].alone)
     time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
@@ -332,7 +332,7 @@ class TestPlotlyChart:
         (trace,) = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(long, long, "first")])]))["traces"]
         assert MOST_POINTS // 2 < values(trace["y"]).size <= MOST_POINTS
 
-    def test_a_name_stands_in_the_legend_once(self) -> None:
+    def test_a_name_is_in_the_legend_once(self) -> None:
         line = Line([0.0, 1.0], [0.0, 1.0], "first", "model")
         chart = plotly_chart(Chart("c", "h", "t", [Panel("a", [line]), Panel("b", [line])]))
         assert [trace["showlegend"] for trace in chart["traces"]] == [True, False]
@@ -417,7 +417,7 @@ class TestPage:
         assert 'id="library"' not in html
         assert len(html) < 20_000
 
-    def test_what_belongs_together_stands_in_one_section(self) -> None:
+    def test_what_belongs_together_is_in_one_section(self) -> None:
         """A step's sentence, its table and its outcome; a chart and a heading begin anew."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         blocks = (
@@ -437,7 +437,7 @@ class TestPage:
         assert not any(tag in html for tag in ("<b>", "<s>", "<c>", "<x>", "<cmd>", "<t>"))
         assert "&lt;b&gt;" in html
 
-    def test_charts_hold_no_number_that_json_lacks(self, charts) -> None:
+    def test_charts_have_no_number_that_json_lacks(self, charts) -> None:
         for chart in charts.values():
             json.dumps(plotly_chart(chart), allow_nan=False)
 

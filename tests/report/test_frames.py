@@ -36,7 +36,7 @@ def test_a_band_far_wider_than_its_histories_goes_beyond_the_frame() -> None:
     assert cut_text([panel]) == "The band goes beyond the frame."
 
 
-def test_an_angle_that_nothing_tells_lies_anywhere_and_no_further() -> None:
+def test_the_band_of_an_unknown_angle_is_the_range_of_angles() -> None:
     chart = motion_chart(Setting((0.0, 10.0)), histories(TIME, np.abs(WAVE), WAVE, sigma=1e16))
     band = chart.panels[0].layers[0]
     assert (np.min(band.low), np.max(band.high)) == (0.0, 180.0)

@@ -136,7 +136,7 @@ class TestTerminal:
             assert ("are nearly collinear" in printed(named)) == short
             assert "are nearly collinear" in printed(named, verbose=True)
 
-    def test_values_beyond_two_standard_errors_stand_in_time_order_and_the_others_with_verbose(self) -> None:
+    def test_values_beyond_two_standard_errors_are_in_time_order_and_others_with_verbose(self) -> None:
         value = graded().ranking[0].terms[0].model_copy(update={"std_error": 0.1, "region_s": (0.0, 1.0)})
         sizes = ({"first": 0.5, "less": 0.01}, {"second": 1.0, "small": 0.1})
         intervals = []
@@ -193,7 +193,7 @@ class TestTerminal:
         assert line_of(shown, "turbulence") == ["turbulence", "air", "1.6", "%", "1.43", "0.21", "m/s", "14", "×"]
         assert line_of(shown, "static_change")[2:4] + line_of(shown, "static_change")[-2:] == ["4.9", "%", "5.1", "×"]
 
-    def test_a_process_below_its_sigma_stands_in_parentheses_after_the_others_and_with_verbose_only(self) -> None:
+    def test_a_process_below_its_sigma_is_in_parentheses_after_the_others_and_with_verbose(self) -> None:
         doubtful = process("flow", "body", 0.09 * MOMENT, "1", 0.09, 0.01 * MOMENT)
         doubtful = doubtful.model_copy(update={"std_error": 1.2 * doubtful.size})
         found = graded(processes=(doubtful, *PROCESSES[:2]))
@@ -201,7 +201,7 @@ class TestTerminal:
         assert line_of(printed(found, verbose=True), "flow")[2:5] == ["(9", "%)", "(0.0037)"]
         assert "(9 %)" in printed(graded(processes=(doubtful,)))
 
-    def test_a_process_of_one_s_own_is_named_beside_one_that_drifts_alike(self) -> None:
+    def test_a_process_of_a_plugin_is_named_beside_one_of_the_same_drift(self) -> None:
         """A drift of the gyros may be taken for theirs in general."""
         own = process("gyro_warming", "gyros", 1e-6, "rad/s", 1e-5, 8.7e-5)
         said = " ".join(printed(graded(processes=(*PROCESSES, own))).split())
@@ -281,7 +281,7 @@ class TestPython:
         assert "explains" not in graded(None).headline()
         assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}\n{ADEQUACY_AND_STABILITY}"
 
-    def test_processes_and_noise_are_told_apart_where_they_are_known(self) -> None:
+    def test_processes_and_noise_are_listed_separately_where_they_are_known(self) -> None:
         known = EXPLAINED.model_copy(update={"processes": 0.13 - 3e-5, "noise": 3e-5})
         assert (
             graded(explained=known)

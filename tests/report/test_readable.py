@@ -44,7 +44,7 @@ def sizes(least: float) -> Chart:
     return next(chart for chart in charts if chart.name == "cp")
 
 
-def test_names_of_dots_near_each_other_stand_in_one_label() -> None:
+def test_names_of_dots_near_each_other_are_in_one_label() -> None:
     """Beside the middle one, from top to bottom as they are."""
     for least in (1.0, -2e3):
         _, _, *dots = sizes(least).panels[0].layers
@@ -151,7 +151,7 @@ def test_the_texts_of_bars_have_room_beside_them() -> None:
     assert axis["exponentformat"] == "power"
 
 
-def test_names_of_marks_stand_above_the_frame_each_on_a_line_of_its_own() -> None:
+def test_names_of_marks_are_above_the_frame_each_on_a_line_of_its_own() -> None:
     line = Panel("y", [Line(TIME, TIME, "first")])
     chart = plotly_chart(Chart("c", "h", "f", [line], marks=[Mark(1.2, "roll"), Mark(1.0, "meridian")]))
     names = {each["text"]: each for each in chart["layout"]["annotations"]}
@@ -167,7 +167,7 @@ def test_names_of_marks_do_not_meet_in_a_figure() -> None:
     assert not first.overlaps(second)
 
 
-def test_panels_stand_as_far_apart_however_many_there_are() -> None:
+def test_panels_are_as_far_apart_however_many_there_are() -> None:
     def gap(count: int) -> float:
         chart = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(TIME, TIME, "first")])] * count))
         layout = chart["layout"]
@@ -176,7 +176,7 @@ def test_panels_stand_as_far_apart_however_many_there_are() -> None:
     assert gap(2) == pytest.approx(gap(5), rel=1e-6)
 
 
-def test_small_dots_are_seen_in_the_legend_of_a_figure() -> None:
+def test_small_dots_are_large_enough_in_the_legend_of_a_figure() -> None:
     dots = Line(TIME, TIME, "measured", "measured", dots=True)
     (legend,) = chart_figure(Chart("c", "h", "t", [Panel("y", [dots])])).legends
     assert legend.legend_handles[0].get_markersize() >= SMALLEST_DOT
@@ -221,7 +221,7 @@ class TestPage:
         (content,) = re.findall(r'download="terms.csv" href="data:text/csv;charset=utf-8,([^"]*)"', html)
         assert list(csv.DictReader(io.StringIO(unquote(content)))) == rows
 
-    def test_what_is_typed_stands_in_one_piece(self) -> None:
+    def test_text_to_type_is_code_in_one_piece(self) -> None:
         words = "Check the tolerances (--instruments), or look with `brv-hypo trace`; free-form -- as <it> is."
         html = page(Document("t", (), "c", words, True, [Texts((words,))]))
         expected = (
@@ -241,7 +241,7 @@ class TestTrace:
         np.testing.assert_allclose(model.y, 1e3 * np.subtract(picture.measured[0], picture.after[0]))
         assert all(isinstance(panel.layers[0], Band) for panel in charts["motion"].panels)
 
-    def test_a_record_that_contradicts_itself_is_told_before_what_was_found(self) -> None:
+    def test_a_record_that_contradicts_itself_is_reported_before_findings(self) -> None:
         sound = traced_trim()
         assert sound.record.sound
         fault = RecordFault(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
@@ -270,7 +270,7 @@ class TestContrast:
         return float(linear @ [0.2126, 0.7152, 0.0722])
 
     @pytest.mark.parametrize("scheme", [0, 1])
-    def test_everything_stands_out_from_the_paper(self, scheme: int) -> None:
+    def test_everything_has_contrast_with_the_paper(self, scheme: int) -> None:
         colours = self.schemes()[scheme]
         paper = self.luminance(colours["paper"])
         text, drawn = ("ink", "quiet", "accent", "caution"), ("measured", "first", "second", "third", "none", "mark")

@@ -49,7 +49,7 @@ def tables(draw) -> Table:
 
 @settings(suppress_health_check=[HealthCheck.too_slow])  # drawing rows is slow on a busy machine
 @given(tables(), st.integers(60, 120))
-def test_a_table_fits_and_holds_every_character(table, width) -> None:
+def test_a_table_fits_and_has_every_character(table, width) -> None:
     text = printed(Fitted(table), width)
     assert max(cell_len(line) for line in text.splitlines()) <= width
     assert "…" not in text
@@ -82,7 +82,7 @@ def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
     assert "other" in lines[3]
 
 
-def test_names_of_what_was_discovered_are_told_at_four_digits() -> None:
+def test_names_of_discovered_effects_have_four_digits() -> None:
     term = compared_nominal().baseline.terms[0].model_copy(update={"name": "turns at -0.316672539482 rad/s, body_y"})
     (row,) = term_table("", [term]).rows
     assert row["term"] == "turns at -0.3167 rad/s, body_y"
@@ -154,7 +154,7 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
     assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
 
 
-def test_the_first_models_of_an_account_are_told_apart() -> None:
+def test_the_first_models_of_an_account_are_explained() -> None:
     account = tuple(Account(model=n, held_out=v, std_error=0.1) for n, v in (("constant", 2.0), ("scheduled", 1.0)))
     blocks = trace_document(traced_trim().model_copy(update={"account": account})).beside
     (said,) = (each.texts[0] for each in blocks if isinstance(each, Texts) and each.texts and "sigma" in each.texts[0])

@@ -54,7 +54,7 @@ def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanis
 
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(set(load_config("research_cone").plantable) - set(MECHANISMS)))
-def test_plantable_effects_of_the_vehicle_are_seen_and_bearable(effect: str) -> None:
+def test_plantable_effects_of_the_vehicle_are_observable_and_moderate(effect: str) -> None:
     truth = flown("research_cone", effect).truth
     assert 0.02 < np.hypot(*truth.planted_share) < 0.4
     assert np.radians(0.3) < np.max(truth.alpha[-200:])

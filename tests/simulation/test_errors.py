@@ -31,7 +31,7 @@ def fly(instruments: dict[str, Any], seed: int = 1, **changes: Any) -> Simulated
     return simulate(load_config({**CONE, "instruments": instruments, **changes}), seed=seed)
 
 
-def test_every_carried_effect_and_tolerance_of_the_vehicle_is_drawn_from_its_size() -> None:
+def test_every_nuisance_effect_and_tolerance_is_drawn_from_its_size() -> None:
     """150 draws: mean within 4 standard errors of zero, standard deviation within 4 of the tolerance."""
     config = load_config({**CONE, "instruments": {"grade": "industrial", "draw": 2.0}})
     flights = [drawn(config, seed) for seed in SEEDS]
@@ -67,7 +67,7 @@ def test_draws_add_to_what_is_stated_and_follow_the_seed() -> None:
     assert found["gyro_bias"]["q"] == pytest.approx(1.0 + drawn(plain, 5).instruments.errors["gyro_bias"]["q"])
 
 
-def test_draws_leave_the_noise_as_it_is_and_no_draw_is_perfect() -> None:
+def test_draws_do_not_change_the_noise_and_no_draw_is_perfect() -> None:
     quiet = fly({"gyro": {"noise": 1e-3}}).record
     perfect = fly({}).record
     errors = {"gyro_bias": {"q": 0.01}}
@@ -78,7 +78,7 @@ def test_draws_leave_the_noise_as_it_is_and_no_draw_is_perfect() -> None:
     assert perfect.instruments == of_grade()
 
 
-def test_the_truth_holds_what_was_drawn_and_names_only_what_was_planted(tmp_path: Path) -> None:
+def test_the_truth_has_what_was_drawn_and_names_only_what_was_planted(tmp_path: Path) -> None:
     entry = {"mechanism": "bodyfixed", "terms": {"C_b cos(phi_b)": 8e-4}, "start": 0.3}
     flight = fly({"draw": 1.0, "grade": "industrial"}, mechanisms=[entry])
     flight.save(tmp_path / "flight.h5")

@@ -63,7 +63,7 @@ def test_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
     assert np.all(channels({"gyro": {"noise": 0.01}}, seed=2, duration=2.0)["q"] != noisy["q"])
 
 
-def test_one_instruments_errors_leave_the_draws_of_the_others() -> None:
+def test_one_instruments_errors_do_not_change_the_draws_of_the_others() -> None:
     some = channels({"gyro": {"noise": 0.01}, "accelerometer": {"noise": 0.1}})
     other = channels({"accelerometer": {"noise": 0.1}})
     np.testing.assert_array_equal(some["ay"], other["ay"])
@@ -89,7 +89,7 @@ def test_errors_are_those_of_the_record_effects_in_the_order_given() -> None:
         np.testing.assert_allclose(found[name], values, rtol=1e-12, atol=1e-12)
 
 
-def test_errors_leave_the_noise_as_it_is() -> None:
+def test_errors_do_not_change_the_noise() -> None:
     noise = {"accelerometer": {"noise": 0.1}}
     found = channels({**noise, "errors": {"accel_scale": {"y": 0.5}}})
     np.testing.assert_allclose(found["ay"] - channels(noise)["ay"], 0.5 * CLEAN["ay"], atol=1e-12)
@@ -123,7 +123,7 @@ def test_a_late_clock_shows_the_past(delay: float) -> None:
     np.testing.assert_array_equal(found["q"], CLEAN["q"])
 
 
-def test_spikes_stand_out_where_they_were_put() -> None:
+def test_spikes_have_their_count_and_size() -> None:
     found = channels({"spikes": [{"channel": "q", "count": 4, "size": 2.0}]})
     off = np.abs(found["q"] - CLEAN["q"])
     assert np.count_nonzero(off) == 4

@@ -60,7 +60,9 @@ def test_the_quaternions_rate_turns_the_axes_at_the_body_rates(
     alpha_rate=angles,
     coning=angles,
 )
-def test_the_start_is_as_asked(alpha: float, meridian: float, path: float, alpha_rate: float, coning: float) -> None:
+def test_the_start_is_as_configured(
+    alpha: float, meridian: float, path: float, alpha_rate: float, coning: float
+) -> None:
     """Alpha over the whole sphere, its meridian and both rates, in a wind, without forces."""
     start = {
         "altitude": 30e3,

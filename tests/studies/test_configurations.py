@@ -8,7 +8,7 @@ from tests.studies import configurations
 
 
 @pytest.mark.slow
-def test_it_tells_seconds_and_memory_of_each_configuration(tmp_path, capsys) -> None:
+def test_it_prints_seconds_and_memory_of_each_configuration(tmp_path, capsys) -> None:
     path = tmp_path / "brief.yaml"
     path.write_text("base: research_cone\nduration: 2.0\nsample_rate: 100.0\nstep: 0.01")
     assert configurations.main(["--seeds", "1", "--config", str(path)]) in (0, 1)

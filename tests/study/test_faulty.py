@@ -19,7 +19,7 @@ def with_faults(**faults):
     return STUDY.model_copy(update={"draws": DrawsConfig(faults=FaultDraws(**faults))})
 
 
-def test_faults_are_drawn_in_their_share_and_leave_the_flights_as_they_are():
+def test_faults_are_drawn_in_their_share_and_do_not_change_the_flights():
     plain, faulty = draws(STUDY), draws(with_faults(share=0.3))
     assert [one.model_copy(update={"fault": ""}) for one in faulty] == list(plain)
     assert np.mean([bool(one.fault) for one in faulty]) == pytest.approx(0.3, abs=0.1)

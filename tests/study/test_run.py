@@ -96,7 +96,7 @@ def test_two_processes_may_not_fly_one_study(tmp_path):
     Store(tmp_path, STUDY).close()
 
 
-def test_a_full_medium_is_refused_and_leaves_whole_outcomes(tmp_path):
+def test_a_full_medium_is_refused_and_outcomes_are_whole(tmp_path):
     store = Store(tmp_path, STUDY)
     store.add(outcome("lag", "lag"))
     pages = store._database.execute("PRAGMA page_count").fetchone()[0]

@@ -19,7 +19,7 @@ from tests.study.outcomes import outcome
         (0, 0, 0.0, 1.0),
     ],
 )
-def test_shares_carry_the_exact_interval(count, total, low, high):
+def test_shares_have_the_exact_interval(count, total, low, high):
     found = share(count, total)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-7)
     assert found.value == (count / total if total else None)

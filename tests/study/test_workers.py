@@ -32,5 +32,5 @@ def test_workers_end_with_a_parent_that_is_killed_before_it_gave_them_anything_t
 
 
 @pytest.mark.thorough
-def test_workers_leave_the_keyboard_to_their_parent():
+def test_workers_ignore_interrupts_from_the_keyboard():
     assert set(spread(signal.getsignal, [signal.SIGINT] * 4, jobs=2)) == {signal.SIG_IGN}

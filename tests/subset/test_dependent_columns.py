@@ -67,7 +67,7 @@ def test_more_columns_than_rows_names_nothing() -> None:
     assert result.refused == ()
 
 
-def test_a_tree_of_many_pieces_holds_one_of_them_at_a_time() -> None:
+def test_a_tree_of_many_pieces_has_one_of_them_in_memory_at_a_time() -> None:
     """Eight sums make 379 pieces of 5 to 17 kB; kept, they were gigabytes where hundreds of columns depend."""
     one, other = RNG.standard_normal((2, ROWS, 8))
     X = np.column_stack([one, other, one + other, RNG.standard_normal((ROWS, 20))])
@@ -90,7 +90,7 @@ def sums(others: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kernel", ["auto", "numpy", "numba-schur"])
 @pytest.mark.parametrize("most", range(1, 6))
-def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) -> None:
+def test_leaves_of_any_size_have_the_best_of_all_subsets(most: int, kernel: str) -> None:
     X, y = sums(3)
     result = best_subsets_by(kernel, X, y, most, forced=(), n_best=3)
     expected = enumerate_subsets(X, y, (), range(X.shape[1]), most)

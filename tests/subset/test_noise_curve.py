@@ -37,13 +37,13 @@ def test_both_kernels_find_the_same_of_running_sums(seed: int) -> None:
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])
-def test_the_true_model_explains_the_share_that_was_asked_for(share: float) -> None:
+def test_the_true_model_explains_the_requested_share(share: float) -> None:
     X, signal = delay_problem(noise=0.0)
     _, y = with_r_squared((X, signal), share)
     assert 1.0 - np.var(y - signal) / np.var(y) == pytest.approx(share, abs=0.1 * (1.0 - share))
 
 
-def test_a_point_of_the_curve_carries_its_certificate() -> None:
+def test_a_point_of_the_curve_has_its_certificate() -> None:
     easy = curve_point(CURVES[0], 0.9999, limit_s=60.0)
     assert easy.certificate.exact
     hard = curve_point(CURVES[1], 0.3, limit_s=0.05)

@@ -60,7 +60,7 @@ def test_the_places_share_every_motion(places: list[float], at: float) -> None:
     assert np.all(weights >= 0.0)
 
 
-def test_increments_of_all_places_alike_are_a_constant_slope() -> None:
+def test_equal_increments_at_all_places_are_a_constant_slope() -> None:
     motion = sample_motion(uniform_time(40))
     table = AeroTable(mach=(1.0, 30.0), slope=((-0.2,), (-0.2,)), std_error=((0.1,), (0.1,)))
     increments = TableIncrements(table=table).terms(motion, {})

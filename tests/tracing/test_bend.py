@@ -132,7 +132,7 @@ def test_a_table_by_angle_of_attack_says_how_it_bends(alphas: tuple[float, ...],
         assert model.mechanisms[StaticBend.name] == StaticBend(slope=-0.09)
 
 
-def test_what_is_held_from_the_start_has_no_prior_beside_it() -> None:
+def test_a_fixed_term_of_the_start_has_no_prior_beside_it() -> None:
     assert StaticBend.name not in model_of(nominal().flight, held=("cubic_stiffness",)).mechanisms
 
 

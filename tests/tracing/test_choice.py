@@ -102,7 +102,7 @@ def test_what_is_reported_takes_no_part_in_fit_or_choice() -> None:
     assert known(tried, ratios=tried.ratios | dict.fromkeys(PARTS[1:], (np.nan, np.nan))).accepted
 
 
-def test_beside_noise_nothing_is_added_that_the_evidence_does_not_clearly_want() -> None:
+def test_beside_noise_nothing_is_added_without_clear_evidence() -> None:
     tried = known(judged(candidate("accel_scale", 90.0), 5.0, 0.5), has_tolerance=True, gain=0.1)
     assert tried.accepted
     assert not known(tried, white=True).accepted
@@ -118,7 +118,7 @@ def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch
     assert [one.candidate.name for one in result.tried if not one.accepted] == ["lag"]
 
 
-def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_explains_far_less_does_not_replace_a_refused_one(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)
     assert result.accepted is None
@@ -155,7 +155,7 @@ def test_what_is_below_the_detection_limit_is_not_tried(monkeypatch: pytest.Monk
     assert chosen([known(candidate("trim", 60.0), fall=24.0)], "trim", monkeypatch).tried == ()
 
 
-def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_confounded_effects_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS), candidate("magnus", 59.0, ALONG)]
     result = chosen(found, "trim", monkeypatch)
     assert [one.name for one in result.reported] == ["trim", "magnus", "lag"]
@@ -181,7 +181,7 @@ def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monk
         (True, 1.5, 0.5, False),
     ],
 )
-def test_errors_of_the_record_may_leave_the_moments_as_they_are(
+def test_errors_of_the_record_need_not_lower_the_error_of_the_moments(
     of_record: bool, fell: float, ratio: float, accepted: bool
 ) -> None:
     one = SimpleNamespace(effect=object() if of_record else None)
@@ -215,7 +215,7 @@ def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(rat
 
 
 @pytest.mark.parametrize(("gain", "accepted"), [(0.1, True), (-0.9, True), (-1.1, False)])
-def test_what_processes_explain_far_better_is_not_taken(gain: float, accepted: bool) -> None:
+def test_what_processes_explain_far_better_is_not_accepted(gain: float, accepted: bool) -> None:
     one = known(judged(candidate("lag", 90.0), 5.0, 0.5), gain=SPECIFIC * gain)
     assert one.agrees
     assert one.accepted is accepted
@@ -303,7 +303,7 @@ def test_a_repetition_names_what_leads_it_and_is_wanted_there(
     assert named == [True, len(offered) == 1, False]
 
 
-def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_few_repetitions_name_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     """It predicts more with these blocks and knots alone: so one of 251 flights with one effect was told a second."""
     result = chosen([candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)], "trim", monkeypatch)
     for share in (0.0, 0.4):

@@ -94,7 +94,7 @@ def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
 
 
 @pytest.mark.thorough
-def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
+def test_a_constant_moment_counts_one_choice_of_the_dictionary() -> None:
     given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
     found = described(given, "discovered_1")
     assert found is not None
@@ -104,7 +104,7 @@ def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("at", [2.0, 4.0])
-def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) -> None:
+def test_of_histories_that_fit_a_flight_equally_mach_number_comes_first(at: float) -> None:
     given = prepared()
     motion = given.frame.motions[0]
     step = Factor(of="time", function="step", at=at, width=0.1)

@@ -97,7 +97,7 @@ def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
 
 
 @pytest.mark.parametrize(("gains", "named"), [((2.9, 1.0), []), ((9.0, 3.5), ["air", "body"]), ((9.0, 2.9), ["air"])])
-def test_a_family_explains_some_only_where_the_evidence_wants_it(gains: tuple[float, float], named: list[str]) -> None:
+def test_a_family_explains_some_only_where_the_evidence_gains(gains: tuple[float, float], named: list[str]) -> None:
     """The first is held against none at all, as the next ones against those before."""
     each = dict(zip(("air", "body"), gains, strict=True))
     groups = [SimpleNamespace(family=family) for family in each]
@@ -137,7 +137,7 @@ def beside_nothing() -> Beside:
 
 
 @pytest.mark.slow
-def test_nothing_added_leaves_nothing_to_want() -> None:
+def test_with_nothing_added_there_is_nothing_unwanted() -> None:
     beside = beside_nothing()
     assert beside.terms == {}
     assert beside.unwanted([]) == ()
@@ -155,7 +155,7 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
     assert first.share == pytest.approx(1.0 - squares[1] / squares[0], abs=1e-6)
 
 
-def test_what_was_taken_out_of_a_record_is_weighed_as_the_record_reads() -> None:
+def test_an_applied_correction_is_weighed_on_the_record_as_it_reads() -> None:
     """A step of the wind taken out of a record that has none; of its value a share was put back.
 
     It is paid for as one of all steps that were searched, not of those about the time that was found.

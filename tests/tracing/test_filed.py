@@ -78,7 +78,7 @@ def test_jumps_ramps_and_schedules(factor: Factor, expected: list[float]) -> Non
 
 
 @given(delay=st.floats(0.0, 0.2), size=st.floats(0.1, 3.0))
-def test_a_delayed_term_stands_where_it_stood_in_the_body(delay: float, size: float) -> None:
+def test_a_delayed_term_is_at_its_past_place_in_the_body(delay: float, size: float) -> None:
     motion = recorded(sample_motion(uniform_time(80)))
     term = YamlTerm(name="t", axis="in_plane", delay=delay, factors=(Factor(of="alpha"),)).column(motion)
     before = motion.delayed(delay)

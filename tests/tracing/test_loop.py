@@ -145,7 +145,7 @@ def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkey
     assert "means of" in traced[0].notes[-1]
 
 
-def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_record_that_contradicts_itself_is_traced_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rate gyro with the wrong sign; the trial is of the record as it is, whatever the trace makes of it."""
     result = traced_trim()
     monkeypatch.setattr(trace_module, "_trace", lambda *_: result)
@@ -156,7 +156,7 @@ def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest
     assert any("q" in fault.channel for fault in wrong.faults)
 
 
-def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
+def test_what_a_trace_found_and_what_families_explain_is_one_sentence() -> None:
     """No "No effect was found" before shares of the residual; steps before the answer."""
     traced = traced_trim()
     own = dict.fromkeys(("time_s", "mach", "alpha_rad", "values", "std_errors"), (1.0,))
@@ -200,7 +200,7 @@ def test_where_nothing_is_added_the_next_step_is_said() -> None:
     assert next_data(traced.steps[0].model_copy(update={"residual": residual.model_copy(update={"white": True})})) == ""
 
 
-def test_every_family_has_data_that_tell_what_it_is() -> None:
+def test_every_family_has_data_that_would_identify_it() -> None:
     step = traced_trim().steps[0]
     residual = step.residual.model_copy(update={"white": False})
     for name in FAMILIES:
@@ -232,7 +232,7 @@ def test_what_has_no_tolerance_is_said_to_lower_the_error() -> None:
     assert document.conclusion.splitlines()[0] == f"With trim, the held-out error is {left} of what it is without."
 
 
-def test_a_trim_beyond_its_tolerance_is_found_where_all_that_is_left_is_noise() -> None:
+def test_a_trim_beyond_its_tolerance_is_found_where_the_rest_is_noise() -> None:
     """Processes that the evidence does not want take some of the noise with them: once "the model is inadequate"."""
     result = trace(simulate(trimmed_cone((-3e-4, 2.5e-4)), seed=3), ONE_EFFECT)
     assert result.findings == ("trim",)

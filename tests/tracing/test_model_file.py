@@ -69,7 +69,7 @@ def test_nothing_that_was_declared_is_cut_or_left_out_of_the_file(beside_the_dec
     assert read_model(tmp_path / "model.yaml") == model
 
 
-def test_the_file_holds_all_of_the_model(result: Trace, path: Path) -> None:
+def test_the_file_has_all_of_the_model(result: Trace, path: Path) -> None:
     assert read_model(path) == result.model.definition
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert all(column["std_error"] >= 0.0 for column in content["columns"])

@@ -36,7 +36,7 @@ def test_every_term_has_a_prior_and_smoother_ones_the_larger(low: float, ratio: 
 
 
 @given(low=machs, size=st.floats(1e-3, 10.0))
-def test_a_narrow_range_leaves_nothing_of_it(low: float, size: float) -> None:
+def test_there_is_no_schedule_over_a_narrow_range(low: float, size: float) -> None:
     assert SlopeSchedule(low=low, high=1.02 * low, size=size).sizes.size == 0
 
 
@@ -88,7 +88,7 @@ def test_the_schedule_is_known_by_its_prior() -> None:
     assert not any(column.mechanism == SlopeSchedule.name for column in model.columns)
 
 
-def test_what_is_taken_out_of_a_record_is_plausible() -> None:
+def test_corrections_of_a_record_are_plausible() -> None:
     flight = nominal().flight
     model = start_model(Flights((flight,), TraceConfig()))
     size = flight.instruments.gyro_bias[1]

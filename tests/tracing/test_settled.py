@@ -30,7 +30,7 @@ def state() -> Fit:
 
 
 @pytest.mark.thorough
-def test_a_step_begins_from_the_state_as_it_settled(state: Fit) -> None:
+def test_a_step_begins_from_the_converged_fit(state: Fit) -> None:
     again, _ = analyse_step(state, (), ())
     assert again.error == pytest.approx(state.error, rel=0.02)
     assert again.held_out == pytest.approx(state.held_out, rel=0.02)

@@ -83,7 +83,7 @@ def test_each_flight_is_predicted_from_the_other(result: Trace) -> None:
 
 
 @pytest.mark.slow
-def test_the_json_tells_of_all_flights(result: Trace, pair: tuple[Flight, Flight]) -> None:
+def test_the_json_has_all_flights(result: Trace, pair: tuple[Flight, Flight]) -> None:
     content = json.loads(result.model_dump_json(by_alias=True))
     assert [each["samples"] for each in content["flights"]] == [each.samples for each in pair]
     assert content["flight"] == content["flights"][0]

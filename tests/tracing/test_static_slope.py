@@ -74,13 +74,13 @@ def test_a_stable_vehicle_needs_no_words() -> None:
     assert stability_in_words([sloped([-0.1, -0.05, -0.021])]) == ""
 
 
-def test_where_it_is_unstable_is_told_with_its_size() -> None:
+def test_where_it_is_unstable_is_reported_with_its_size() -> None:
     said = stability_in_words([sloped([-0.1, -0.01, 0.04, 0.01, -0.1, -0.1])])
     assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.040 ± 0.01 per rad at 20 s" in said
     assert "-0.100 ± 0.02 at the 2.9 deg flown there" in said
 
 
-def test_where_it_is_not_told_to_be_stable_is_told_flight_by_flight() -> None:
+def test_where_it_is_not_significantly_stable_is_reported_by_flight() -> None:
     said = stability_in_words([sloped([-0.1, -0.1]), sloped([-0.01, -0.1, -0.019], flight=1, mach=float("nan"))])
     assert said.startswith("At alpha = 0 the static moment of flight 2 is not significantly stable")
     assert "at 0 s and at 20 s: " in said

@@ -46,12 +46,12 @@ def test_what_the_flight_does_not_need_beside_what_acts_is_named(state: Fit) -> 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["trim", "mach_stiffness", "gyro_bias", "unheard_of"])
-def test_what_every_fit_holds_a_schedule_and_errors_of_the_record_are_not_asked(state: Fit, name: str) -> None:
+def test_terms_of_every_fit_a_schedule_and_errors_of_the_record_are_not_tested(state: Fit, name: str) -> None:
     assert unwanted(state, (name,)) == ()
 
 
 @pytest.mark.thorough
-def test_what_is_taken_out_costs_more_than_it_explains(state: Fit) -> None:
+def test_what_is_removed_costs_more_than_it_explains(state: Fit) -> None:
     less = state.model.without(["magnus"])
     assert all(column.mechanism != "magnus" for column in less.columns)
     assert "magnus" not in less.mechanisms
@@ -62,7 +62,7 @@ def test_what_is_taken_out_costs_more_than_it_explains(state: Fit) -> None:
     assert other < own
 
 
-def test_a_description_has_a_name_that_the_model_does_not_hold() -> None:
+def test_a_description_has_a_name_that_the_model_has_not() -> None:
     known = {"discovered_2": find("magnus")}
     assert generic_name(Model(mechanisms=known, added=("discovered_2",))) == "discovered_3"
     assert generic_name(Model()) == "discovered_1"
@@ -90,5 +90,5 @@ def step(number: int, added: str | None, *next_corrections: str) -> Step:
         ([step(1, "lag"), step(2, None)], ["lag"]),
     ],
 )
-def test_what_was_taken_out_is_found_no_longer_unless_added_again(steps: list[Step], stay: list[str]) -> None:
+def test_what_was_removed_is_no_finding_unless_added_again(steps: list[Step], stay: list[str]) -> None:
     assert [each.added for each in lasting_steps(steps)] == stay

@@ -89,7 +89,7 @@ def test_nor_is_a_model_that_two_ways_of_searching_found():
         ),
     ],
 )
-def test_rolled_axes_tell_the_same(case):
+def test_rolled_axes_give_the_same_comparison(case):
     known = with_isotropic_errors(flight(case))
     before, after = (compared([one], case) for one in (known, rolled(known, 1.0)))
     assert distance(before, after, Change(roll=1.0)).within(SUMMED)
@@ -107,7 +107,7 @@ def test_rolled_axes_tell_the_same(case):
         ),
     ],
 )
-def test_what_sticks_follows_a_static_moment_that_stands(case):
+def test_a_last_digit_does_not_change_what_sticking_finds(case):
     after = compared([flight_last_digit_off(flight(case), 0)], case)
     assert distance(original(case), after).within(ROUNDING)
 

@@ -17,7 +17,7 @@ FIRST = 121000
 @pytest.mark.parametrize(
     ("seed", "truth"), [(121013, "damping"), pytest.param(121041, "sticking", marks=pytest.mark.slow)]
 )
-def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
+def test_the_ends_of_a_record_do_not_shift_the_clock(seed: int, truth: str) -> None:
     """A unit shifted as a whole differs from one that is not at its ends alone, where it has to be continued: they
     asked for 5 to 8 tolerances of gyros and accelerometers late together, and nothing was adequate.
     """
@@ -31,7 +31,7 @@ def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
 @pytest.mark.parametrize(
     "seed", [160000, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (160003, 160010, 160022))]
 )
-def test_angles_hold_what_the_gyros_clock_may_be_late(seed: int) -> None:
+def test_errors_of_angles_include_that_of_the_gyros_clock(seed: int) -> None:
     """Motion is told on the gyros' clock: its true time is uncertain by the tolerance."""
     made = drawn_flight(seed, seed - 160000, MIXED, 1.0, 5, coloured=True)
     found, true = reconstruct(made.flight), made.true

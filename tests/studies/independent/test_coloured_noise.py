@@ -25,7 +25,7 @@ def flight(seed: int, truth: str) -> Made:
     ("seed", "share"),
     [(232, 0.06), *(pytest.param(seed, 0.15, marks=pytest.mark.thorough) for seed in (204, 215, 230))],
 )
-def test_errors_of_many_tolerances_are_not_asked_of_the_record(seed: int, share: float) -> None:
+def test_the_record_is_not_fitted_with_errors_of_many_tolerances(seed: int, share: float) -> None:
     """Believed to the noise of neighbouring samples, the force led to alpha off by 11 to 60 % of its rms."""
     made = flight(seed, "none")
     found = reconstruct(made.flight)

@@ -119,7 +119,7 @@ def test_a_step_of_the_wind_turns_the_flow_and_not_the_vehicle() -> None:
 
 
 @pytest.mark.thorough
-def test_fixed_moment_stands_still_and_rotating_one_turns_in_the_body() -> None:
+def test_a_fixed_moment_is_constant_in_the_body_and_a_rotating_one_turns() -> None:
     fixed, turning = _made("bodyfixed"), _made("rotating")
     inside = _inside(fixed)
     moment = body_components(fixed.true.contribution, fixed.true.meridian)[inside]
@@ -194,7 +194,7 @@ def test_accelerometers_feel_their_lever_arm() -> None:
     np.testing.assert_allclose(true.force[5:-5].T, np.array(expected)[:, 5:-5], atol=1e-4)
 
 
-def test_gyros_are_late_turned_and_biased_as_told() -> None:
+def test_gyros_are_late_turned_and_biased_as_specified() -> None:
     errors = {"time_skew": 1e-3, "gyro_bias": 2e-3, "gyro_misalignment": [1e-3, 0, 0, 0, -2e-3, 0]}
     made = make_flight("cone", "none", seed=2, factor=0.0, noise_factor=0.0, errors=errors)
     inner = slice(10, -10)

@@ -29,12 +29,12 @@ def test_nothing_is_the_default() -> None:
         np.testing.assert_allclose(getattr(made.flight, name), getattr(PLAIN.flight, name), rtol=1e-7, atol=1e-7)
 
 
-def test_a_kind_is_drawn_alike_beside_others() -> None:
+def test_a_kind_is_drawn_the_same_beside_others() -> None:
     alone, beside = (ordinary(BICONIC, kinds, np.random.default_rng(3)) for kinds in (("cg_drift",), KINDS))
     assert alone.cg_drift == beside.cg_drift
 
 
-def test_a_random_course_has_the_size_that_was_asked_for() -> None:
+def test_a_random_history_has_the_requested_size() -> None:
     course = lines(np.random.default_rng(2), 2.0, 1.0, 50.0)
     values = np.array([course.at(place)[0] for place in np.linspace(0.0, 400.0, 40_000)])
     assert np.sqrt(np.mean(values**2)) == pytest.approx(2.0, rel=0.1)

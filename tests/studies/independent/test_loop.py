@@ -63,7 +63,7 @@ def test_of_two_effects_at_once_neither_gives_way_to_a_third() -> None:
 
 
 @pytest.mark.slow
-def test_a_pair_is_sized_by_what_its_record_tells_of_either_beside_the_other() -> None:
+def test_a_pair_is_sized_by_the_limit_of_each_beside_the_other() -> None:
     made, times = sized_pair(210000, "damping", "inplane")
     assert min(times) >= TIMES[0] - ROUGH
     assert times == tuple(np.sqrt(np.array(f_ratios_in_record(made)) / DETECTED).tolist())

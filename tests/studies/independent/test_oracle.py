@@ -73,7 +73,7 @@ def test_gyros_without_noise_are_refused() -> None:
 
 
 @pytest.mark.thorough
-def test_nothing_planted_leaves_nothing_to_find() -> None:
+def test_with_nothing_planted_there_is_nothing_to_find() -> None:
     known = judge(make_flight("cone", "none", seed=1), rivals=("bodyfixed",))
     assert known.f_ratio == 0.0
     assert known.limit_amplitude == np.inf

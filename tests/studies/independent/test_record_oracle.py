@@ -16,7 +16,7 @@ def flight_with(amplitude: float) -> Made:
 
 
 @pytest.mark.slow
-def test_it_goes_with_the_square_of_the_size_and_is_less_than_what_the_motion_would_tell() -> None:
+def test_it_grows_as_the_square_of_the_size_and_is_less_than_with_known_motion() -> None:
     little, more = flight_with(0.02), flight_with(0.04)
     (first,), (second,) = f_ratios_in_record(little), f_ratios_in_record(more)
     assert second == pytest.approx(4.0 * first, rel=0.2)
@@ -24,7 +24,7 @@ def test_it_goes_with_the_square_of_the_size_and_is_less_than_what_the_motion_wo
 
 
 @pytest.mark.thorough
-def test_of_two_effects_each_is_told_beside_the_other() -> None:
+def test_each_of_two_effects_is_counted_beside_the_other() -> None:
     first = flight_with(0.04)
     second = make_flight("cone", "damping", 0.04, 8, region=REGION, start=first.true.start).true.planted
     both = make_flight("cone", "bodyfixed", 0.04, 7, region=REGION, beside=second)

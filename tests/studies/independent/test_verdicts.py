@@ -136,7 +136,7 @@ def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", ["none", pytest.param("sticking", marks=pytest.mark.slow)])
-def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axial_force(truth: str) -> None:
+def test_a_transverse_force_read_along_the_axis_is_no_change_of_the_axial_force(truth: str) -> None:
     """A c.g. off the axis makes such a body spin up and down with its coning: 0.2 % of the torque was 3,000 sigma."""
     verdict = said(draw_flight(162023, truth=truth, grade="industrial"))
     assert verdict.winner == truth if truth != "none" else verdict.winner in (None, "none")
@@ -180,7 +180,7 @@ def test_beside_such_a_bend_the_baseline_remains_in_the_credible_set() -> None:
         pytest.param(64083, "sticking", "laboratory", marks=pytest.mark.slow),
     ],
 )
-def test_the_limit_of_what_is_plainly_seen_holds_it_and_little_more(seed: int, truth: str, grade: str) -> None:
+def test_the_limit_of_a_plain_effect_is_its_size_and_little_more(seed: int, truth: str, grade: str) -> None:
     """A short lag's fraction and delay make up for one another, and the measured moment holds errors of the axes."""
     made = draw_flight(seed, truth=truth, grade=grade)
     whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))

@@ -98,7 +98,7 @@ def test_where_the_record_has_the_opposite_of_it_nothing_shows(base: Ground) -> 
 
 
 @pytest.mark.slow
-def test_the_study_tells_of_a_planted_effect(base: Ground) -> None:
+def test_the_study_reports_a_planted_effect(base: Ground) -> None:
     flight, size = planted(base, "stiffness_asymmetry", 8.0, 1)
     said = line("stiffness_asymmetry", size, found_in(base, flight))
     assert " found: " in said
@@ -123,7 +123,7 @@ def test_a_moment_that_the_vehicle_cannot_bear_is_planted_with_the_other_sign(
 
 
 @pytest.mark.thorough
-def test_what_looks_back_in_time_is_not_planted(base: Ground) -> None:
+def test_a_mechanism_with_a_delay_is_not_planted(base: Ground) -> None:
     with pytest.raises(UnanswerableError, match="looks back in time"):
         planted(base, "sticking", 3.0, 1)
 

@@ -45,7 +45,7 @@ def test_what_has_no_time_persists_by_its_name() -> None:
     assert persists("trim", traced({"trim": None}), traced({"trim": None, "lag": None}))
 
 
-def test_a_changed_ratio_of_inertia_may_be_told_instead() -> None:
+def test_a_changed_ratio_of_inertia_may_be_found_instead() -> None:
     base, other = traced({"trim": None}), traced({}, hints=("inertia_ratio",))
     assert persists("trim", base, other, also="inertia_ratio")
     assert not persists("trim", base, other)
@@ -57,7 +57,7 @@ def test_a_wind_step_has_a_time() -> None:
     assert times_of(result, "wind_step") == (3.0,)
 
 
-def test_the_report_counts_what_holds_the_region() -> None:
+def test_the_report_counts_variants_with_the_region() -> None:
     others = [(Variant("a"), traced({"trim": None, "lag": None})), (Variant("b"), traced({}))]
     assert list(report(traced({"trim": None}), others)) == [
         "trim persists in 1 of 2, not in b",
