@@ -394,7 +394,7 @@ def test_import_takes_either_a_map_or_a_guess(brv_hypo, tmp_path):
     ],
 )
 def test_an_existing_picture_is_refused_before_any_work(brv_hypo, tmp_path, command, picture):
-    """Not even the flight, which is none, has been looked at."""
+    """Not even the flight, which is none, has been read."""
     (tmp_path / "none.h5").write_text("no flight")
     (tmp_path / "model.json").write_text("{}")
     (tmp_path / "figures").mkdir()
@@ -430,5 +430,5 @@ def test_help_says_in_full_what_commands_do_at_80_columns(brv_hypo, group):
 )
 def test_a_shell_completes_names(brv_hypo, typed, expected):
     words = ["brv-hypo", *typed.split()]
-    asked = {"_BRV_HYPO_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
-    assert brv_hypo(**asked).stdout.split() == expected
+    shell = {"_BRV_HYPO_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    assert brv_hypo(**shell).stdout.split() == expected

@@ -14,7 +14,7 @@ from brv_hypo.mechanisms.registry import compared
 from tests.mechanisms.test_registry import plugin
 from tests.truth import load_truth
 
-# A mechanism that would explain any moment, an effect that would explain any rate, and both ask to be carried along.
+# A mechanism that would explain any moment, an effect that would explain any rate, and both are to be nuisances.
 GREEDY = """
 from dataclasses import replace
 from brv_hypo.mechanisms import Component, Mechanism, RecordEffect, Term
@@ -106,7 +106,7 @@ def test_the_five_are_compared_by_default_and_all_installed_on_request(greedy):
 
 
 def entries(value):
-    """Every mapping with a name, wherever it stands."""
+    """Every mapping with a name, at any depth."""
     if isinstance(value, dict):
         yield from [value] if "name" in value else []
         value = list(value.values())

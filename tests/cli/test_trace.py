@@ -38,7 +38,7 @@ def known(flights, settings, **_):
 def traced(request, brv_hypo, tmp_path_factory):
     """The trace of a flight with a planted trim: the finished command, its JSON and its report.
 
-    Of what is known already the command reads flight and settings, and tells it.
+    With `known` the trace is precomputed: the command reads flight and settings, and reports it.
     """
     folder = tmp_path_factory.mktemp("traced")
     (folder / "config.yaml").write_text(CONFIG)
@@ -133,9 +133,9 @@ def test_several_flights_and_the_model_as_a_file(brv_hypo, simulated_file, tmp_p
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "out.json").read_text())
     assert len(result["flights"]) == 2
-    told = ("--json", tmp_path / "predicted.json", "--report", tmp_path / "predicted.html")
+    outputs = ("--json", tmp_path / "predicted.json", "--report", tmp_path / "predicted.html")
     model = ("--model", tmp_path / "model.yaml", "--refit", "trim,instruments")
-    done = brv_hypo("predict", simulated_file, *model, *told)
+    done = brv_hypo("predict", simulated_file, *model, *outputs)
     assert done.returncode == 0, done.stderr
     predicted = json.loads((tmp_path / "predicted.json").read_text())
     assert set(predicted["band"]) >= {"level", "inside", "time_s", "measured", "predicted", "half_width"}
