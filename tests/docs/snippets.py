@@ -1,7 +1,7 @@
 """The snippets of a manual page, executed: commands with their output, Python, and the files that they need.
 
 A fence `console` holds commands after "$ " and what they print, `python` code or a session (">>>"), and
-`LANGUAGE FILE` the content of a file. "..." stands for anything. Other fences are not executed.
+`LANGUAGE FILE` the content of a file. "..." matches anything. Other fences are not executed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The hosted manual is built without a warning, and asks the network for nothing (extra `manual`)."""
+"""The hosted manual is built without a warning, and loads nothing from the network (extra `manual`)."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def test_what_a_topic_shows_can_be_read(topic, brv_hypo):
 
 
 def shown_in_the_readme() -> list[list[str]]:
-    """Arguments of every command that stands in README's list, what it is for left out."""
+    """Arguments of every command in README's list, what it is for left out."""
     lines = (Path(__file__).parents[2] / "README.md").read_text().splitlines()
     listed = (line.split("  ")[0] for line in map(str.strip, lines) if line.startswith("brv-hypo "))
     return [shlex.split(command)[1:] for command in listed]
@@ -71,7 +71,7 @@ def shown_in_the_readme() -> list[list[str]]:
 
 @pytest.mark.thorough
 def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
-    """On the table that the manual makes, with its map; NAME is a name, and what stands in brackets may be left out.
+    """On the table that the manual makes, with its map; NAME is a name, and what is in brackets may be left out.
 
     Of the table every other row: commands run on it as on the whole, which the topic's own test goes through.
     """
@@ -111,11 +111,11 @@ def test_options_that_are_mentioned_exist(topic):
     code = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", page, flags=re.DOTALL))
     for words in code:
         command = re.match(r"brv-hypo ([a-z]+)", words)
-        asked = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", words))
-        if asked and (command or (words.startswith("--") and topic not in OF_MODULES)):
+        options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", words))
+        if options and (command or (words.startswith("--") and topic not in OF_MODULES)):
             whole = get_command(app)
             known = options_of(whole.commands[command[1]] if command else whole)
-            assert asked <= known, words
+            assert options <= known, words
 
 
 @pytest.mark.thorough
@@ -125,9 +125,9 @@ def test_the_ranking_that_the_manual_shows_is_that_of_the_demo(brv_hypo):
     rows = re.compile(r"^ +(\d) +([a-z][a-z ]*?) +(\d+) .* (\d+\.\d) +[<>]\d+ %$", re.MULTILINE)
     shows = brv_hypo("demo", COLUMNS="80").stdout
     printed = {(rank, name, terms): float(level) for rank, name, terms, level in rows.findall(shows)}
-    told = rows.findall(shown.body)
-    assert len(told) == 3
-    for rank, name, terms, level in told:
+    quoted = rows.findall(shown.body)
+    assert len(quoted) == 3
+    for rank, name, terms, level in quoted:
         assert float(level) == pytest.approx(printed[rank, name, terms], rel=0.01)
 
 
@@ -159,7 +159,7 @@ def test_the_loop_on_the_measured_entry_runs_as_in_the_manual(brv_hypo, tmp_path
 @pytest.mark.thorough
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("name", "folder", "guessed", "told"),
+    ("name", "folder", "guessed", "outcome"),
     [
         (
             "opportunity",
@@ -170,7 +170,9 @@ def test_the_loop_on_the_measured_entry_runs_as_in_the_manual(brv_hypo, tmp_path
         ("rocket", "launch12", "imu.map.yaml", (1, ["Degraded", "record fault"])),
     ],
 )
-def test_measured_flights_go_from_tables_to_an_answer_as_in_the_manual(brv_hypo, tmp_path, name, folder, guessed, told):
+def test_measured_flights_go_from_tables_to_an_answer_as_in_the_manual(
+    brv_hypo, tmp_path, name, folder, guessed, outcome
+):
     """Each command of the manual in turn; between the first and the rest the lines that it says to fill in."""
     for path in shared_file(f"data/{folder}").glob("*.csv"):
         shutil.copy(path, tmp_path)
@@ -180,11 +182,11 @@ def test_measured_flights_go_from_tables_to_an_answer_as_in_the_manual(brv_hypo,
     printed = ""
     for count, line in enumerate(lines):
         done = brv_hypo(*shlex.split(line)[1:], cwd=tmp_path, COLUMNS="80")
-        assert done.returncode == (told[0] if count == len(lines) - 1 else 0), done.stderr
+        assert done.returncode == (outcome[0] if count == len(lines) - 1 else 0), done.stderr
         printed += " ".join(done.stdout.replace("│", " ").split())
         if count == 0:
             filled_in(tmp_path / guessed, yaml.safe_load(page[at[0] + 1].body))
-    assert all(expected in printed for expected in told[1])
+    assert all(expected in printed for expected in outcome[1])
     if name == "opportunity":
         quoted = SHARES.findall(re.sub(r"\s+", " ", text("verdict") + text("loop")))
         assert len(quoted) == 2
@@ -308,15 +310,15 @@ class TestPages:
         assert brv_hypo("docs", "-o", "manual", cwd=tmp_path).returncode == 2
 
     @pytest.mark.parametrize(
-        ("asked", "expected"),
+        ("topic", "expected"),
         [((), "start"), (("loop",), "loop"), (("own_csv",), "own_csv"), (("functions",), "functions")],
     )
-    def test_open_shows_the_page(self, asked, expected, brv_hypo, tmp_path, monkeypatch, pages):
+    def test_open_shows_the_page(self, topic, expected, brv_hypo, tmp_path, monkeypatch, pages):
         opened = []
         monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
         monkeypatch.setattr("brv_hypo.docs.manual.site", lambda: pages)
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-        done = brv_hypo("docs", *asked, "--open", cwd=tmp_path)
+        done = brv_hypo("docs", *topic, "--open", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert opened[0].startswith("file://")
         assert opened[0].endswith(f"/manual/{expected}.html")

@@ -1,4 +1,4 @@
-"""What goes out: README, picture, wheel and sdist hold what they should."""
+"""What goes out: README, picture, wheel and sdist contain what they should."""
 
 from __future__ import annotations
 
@@ -86,13 +86,13 @@ def test_the_wheel_has_manual_pages_configurations_and_plugins(built) -> None:
 def installed(request, built, tmp_path_factory):
     """A command of the package, as the wheel or the sdist installs it in a fresh environment, run far from the tree.
 
-    Dependencies are those of this environment, by path: nothing is downloaded, and no editable install is seen.
+    Dependencies are those of this environment, by path: nothing is downloaded, and no editable install is used.
     """
     home = tmp_path_factory.mktemp("fresh")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home / "venv"], check=True)
     python = home / "venv" / "bin" / "python"
-    ask = [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
-    own = Path(subprocess.run(ask, check=True, capture_output=True, text=True).stdout.strip())
+    where = [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
+    own = Path(subprocess.run(where, check=True, capture_output=True, text=True).stdout.strip())
     (own / "dependencies.pth").write_text("\n".join(p for p in sys.path if p.endswith("site-packages")))
     (package,) = built.glob(request.param)
     install = ["install", "--no-deps", "--no-build-isolation", "--no-index", "--force-reinstall", "-q", package]
@@ -147,15 +147,15 @@ def another_python() -> Path | None:
         found = [*([Path(on_path)] if on_path else []), *sorted(pyenv.glob(f"{name}.*/bin/python"))]
         for python in found if name != own else ():
             # The command may be a shim of pyenv, which knows a version that is not chosen.
-            asked = subprocess.run([python, "-m", "venv", "-h"], capture_output=True, check=False)
-            if asked.returncode == 0:
+            answer = subprocess.run([python, "-m", "venv", "-h"], capture_output=True, check=False)
+            if answer.returncode == 0:
                 return python
     return None
 
 
 @pytest.fixture(scope="module")
 def other(built, tmp_path_factory):
-    """A command in a fresh environment of another Python, where the wheel is installed with all that it asks for."""
+    """A command in a fresh environment of another Python, where the wheel is installed with all that it requires."""
     python = another_python()
     if python is None:
         pytest.skip(f"no Python is installed beside {sys.version.split()[0]}: looked for {', '.join(VERSIONS)}")
@@ -182,7 +182,7 @@ def other(built, tmp_path_factory):
 
 @pytest.mark.slow
 def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
-    """As a new user would, with the newest of everything that the wheel asks for: demo, manual, plugins."""
+    """As a new user would, with the newest of everything that the wheel requires: demo, manual, plugins."""
     assert other("python", "--version").stdout.split()[1].split(".")[:2] != [str(n) for n in sys.version_info[:2]]
     shown = other("brv-hypo", "demo")
     assert "Verdict: sticking" in shown.stdout, shown.stderr

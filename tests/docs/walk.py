@@ -139,12 +139,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tasks", nargs="*", choices=[*TASKS, []], default=[])
     parser.add_argument("--python", default=sys.executable)
-    asked = parser.parse_args()
+    given = parser.parse_args()
     os.environ["COLUMNS"] = "80"
-    for name in asked.tasks or TASKS:
+    for name in given.tasks or TASKS:
         with tempfile.TemporaryDirectory() as folder:
             begun, used = time.monotonic(), _processor_seconds()
-            TASKS[name](Walk(asked.python, Path(folder)))
+            TASKS[name](Walk(given.python, Path(folder)))
             wall, work = time.monotonic() - begun, _processor_seconds() - used
             print(f"{name:12} {wall / 60.0:6.1f} min, of a processor {work / 60.0:5.2f} min", flush=True)
 
