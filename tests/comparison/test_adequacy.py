@@ -116,7 +116,7 @@ TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "mo
 def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(
     tmp_path: Path, shape: str, size: float, listed: list[str], said: str
 ) -> None:
-    """Mechanisms on the list describe parts of it beside processes; none may lead, or decide whether it is seen."""
+    """Mechanisms on the list describe parts of it beside processes; none may lead, or decide whether it is detected."""
     path = tmp_path / "some_side.py"
     path.write_text(SIDE_MOMENT.replace("SHAPE", shape))
     use_plugin_files([path])

@@ -22,8 +22,8 @@ def test_one_first_by_all_criteria_is_no_disagreement():
 
 def test_each_criterion_is_named_with_what_it_puts_first():
     ranking = [row("lag", 40.0, 4.0, 1.5), row("damping", 90.0, 9.0, 2.0), row("none", None, 50.0, 1.0)]
-    (told,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
-    assert told == (
+    (warning,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
+    assert warning == (
         "the criteria put different hypotheses first: F-ratio: damping; C_p and probability: lag; "
         "prediction error: baseline only"
     )
@@ -31,14 +31,14 @@ def test_each_criterion_is_named_with_what_it_puts_first():
 
 def test_what_is_first_with_a_value_that_is_not_possible_says_so():
     ranking = [row("lag", 90.0, 4.0, 1.0), row("none", None, 50.0, 3.0)]
-    (told,) = criteria_disagree(ranking, {"lag": 0.1, "none": 0.9}, {"lag": "lag fraction = -3"})
-    assert "lag (with lag fraction = -3); probability: baseline only" in told
+    (warning,) = criteria_disagree(ranking, {"lag": 0.1, "none": 0.9}, {"lag": "lag fraction = -3"})
+    assert "lag (with lag fraction = -3); probability: baseline only" in warning
 
 
 def test_where_all_probability_is_outside_the_list_probability_puts_none_first():
     ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
-    (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
-    assert "probability" not in told
+    (warning,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
+    assert "probability" not in warning
 
 
 def test_a_record_that_was_refused_disagrees_on_nothing():

@@ -52,8 +52,8 @@ def test_the_residual_that_is_drawn_is_that_of_the_whole_fit(at_half_the_rate) -
     """Errors of record and vehicle with it: noise, where nothing was planted."""
     drawn = at_half_the_rate.series[0]
     for plane in (0, 1):
-        left = np.subtract(drawn.measured[plane], drawn.fitted["none"][plane]) / drawn.sigma
-        assert 0.8 < np.sqrt(np.nanmean(left**2)) < 1.1
+        residual = np.subtract(drawn.measured[plane], drawn.fitted["none"][plane]) / drawn.sigma
+        assert 0.8 < np.sqrt(np.nanmean(residual**2)) < 1.1
 
 
 def test_errors_are_the_largest_first_and_within_tolerance(at_half_the_rate) -> None:
@@ -73,8 +73,8 @@ def test_a_trim_of_the_vehicle_is_in_the_line_that_is_drawn_and_in_the_answer() 
     trimmed = plant("trim", {"C_m0": 5e-4, "C_n0": 0.0}).flight
     comparison = compare([trimmed], CompareConfig(mechanisms=("damping",), maximum_likelihood="none", knot_count=5))
     drawn = comparison.series[0]
-    left = np.nanmean(np.square(np.subtract(drawn.measured, drawn.fitted["none"]) / drawn.sigma))
-    assert left < 1.2
+    residual = np.nanmean(np.square(np.subtract(drawn.measured, drawn.fitted["none"]) / drawn.sigma))
+    assert residual < 1.2
     (trim,) = (each for each in comparison.record_errors if each.name == "trim C_m0")
     assert trim.value == pytest.approx(5e-4, rel=0.05)
     assert "hypotheses lack: trim C_m0 0.000" in comparison.conclusion()

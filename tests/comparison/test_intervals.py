@@ -93,13 +93,13 @@ def test_values_that_no_body_has_cost_what_their_bounds_take() -> None:
             largest.name: (-0.5 * abs(largest.value), 0.5 * abs(largest.value))
         }
 
-    held = replace(fit, mechanisms=(Bounded(),))
-    excess = out_of_bounds(held)
+    bounded = replace(fit, mechanisms=(Bounded(),))
+    excess = out_of_bounds(bounded)
     assert excess is not None
     assert largest.name in excess.words
     error = np.hypot(largest.std_error, np.sqrt(SECOND_ORDER_VALUES) * largest.value)
     assert excess.sigmas == pytest.approx(0.5 * abs(largest.value) / error)
-    assert within_bounds(held).information == pytest.approx(fit.information + excess.sigmas**2)
+    assert within_bounds(bounded).information == pytest.approx(fit.information + excess.sigmas**2)
     assert within_bounds(fit) is fit
 
 

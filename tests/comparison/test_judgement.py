@@ -1,4 +1,4 @@
-"""Hypotheses beside processes: what the leader explains, which process holds the rest, and what is outside the list."""
+"""Hypotheses beside processes: what the leader and processes explain, and what is outside the list."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def weak(seed: int) -> tuple[SimulatedFlight, Judged]:
 def planted_share(simulated: SimulatedFlight, found: Judged) -> float:
     """Of the squares that the baseline's fit has as residual, those that the planted moment takes away."""
     (entry,) = simulated.config.mechanisms
-    course = TimeBasis("jump", float(entry.start or 0.0), float(entry.stop or np.inf))
-    columns = [Regressor(entry.mechanism, term, (), course, "1") for term in entry.terms]
+    time_basis = TimeBasis("jump", float(entry.start or 0.0), float(entry.stop or np.inf))
+    columns = [Regressor(entry.mechanism, term, (), time_basis, "1") for term in entry.terms]
     frame = found.rows.frame.with_mechanisms([find(entry.mechanism)])
     moment = found.rows.of_moments(frame, columns) @ np.array(list(entry.terms.values()))
     made = found.rows.beside_baseline(moment)
@@ -215,7 +215,7 @@ def test_squares_are_those_of_the_baselines_own_fit() -> None:
 # ---- Processes ----
 
 
-def held(found: Judged) -> dict[str, ProcessEstimate]:
+def processes_by_name(found: Judged) -> dict[str, ProcessEstimate]:
     each = processes(found)
     assert [one.share_of_moment for one in each] == sorted((one.share_of_moment for one in each), reverse=True)
     return {one.name: one for one in each}
@@ -223,7 +223,7 @@ def held(found: Judged) -> dict[str, ProcessEstimate]:
 
 @pytest.mark.parametrize("plant", [(), ("bodyfixed",)])
 def test_every_process_is_there_and_explains_next_to_nothing_where_none_is_planted(plant: tuple[str, ...]) -> None:
-    found = held(judged_cone(*plant))
+    found = processes_by_name(judged_cone(*plant))
     assert set(found) == {process.name for process in (*moment_processes(), *record_processes())}
     assert {process.family for process in found.values()} <= set(FAMILIES)
     assert sum(process.share_of_moment for process in found.values()) < 0.01
@@ -237,7 +237,7 @@ def test_every_process_is_there_and_explains_next_to_nothing_where_none_is_plant
 def test_the_size_of_a_process_is_that_of_the_moment_that_it_plants(plant: tuple[str, ...]) -> None:
     """Of instruments and air the share is that of the static moment's rows."""
     found = judged_cone(*plant)
-    own, rows, each = found.evidences[found.leader], found.rows, held(found)
+    own, rows, each = found.evidences[found.leader], found.rows, processes_by_name(found)
     (motion,) = rows.frame.motions
     for process in moment_processes():
         acting = process.model_copy(update={"start": float(motion.time[0]), "stop": float(motion.time[-1])})

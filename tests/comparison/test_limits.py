@@ -55,7 +55,7 @@ def test_the_limit_beside_the_leader_is_low() -> None:
 
 
 def test_a_mechanism_that_is_not_there_has_little_room() -> None:
-    """Far less than is planted where it is there: a flight that could not tell would allow as much.
+    """Far less than is planted where it is there: a flight without information would allow as much.
 
     Acting always it may be as large as the tolerance of trim leaves it; for a quarter of the record it is far smaller.
     """

@@ -73,10 +73,10 @@ def test_processes_do_not_replace_an_onset(number: int) -> None:
 
 
 def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:
-    best, asked = fitted("bodyfixed"), problem()
+    best, whole = fitted("bodyfixed"), problem()
     column = best.selected[0]
     onset = column.at(column.theta, TimeBasis("ramp", 2.0, 2.4))
-    knot, width = nonlinear_parameters((onset,), best.frame, asked.knots)
+    knot, width = nonlinear_parameters((onset,), best.frame, whole.knots)
     assert (knot.kind, knot.value, width.kind) == ("knot", pytest.approx(2.2), "width")
     assert width.value == pytest.approx(0.4)
     assert ends(knot.moved((onset,), 2.5)) == pytest.approx((2.3, 2.7))
@@ -85,9 +85,9 @@ def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:
 
 def test_what_came_on_is_known_better_than_its_rate_and_its_width() -> None:
     """Where the two make up for one another the value reached is known."""
-    best, asked = fitted("bodyfixed"), problem()
+    best, whole = fitted("bodyfixed"), problem()
     ramps = tuple(c.at(c.theta, TimeBasis("ramp", 2.0, 2.5)) for c in best.selected[:2])
-    knot, width = nonlinear_parameters(ramps, best.frame, asked.knots)
+    knot, width = nonlinear_parameters(ramps, best.frame, whole.knots)
     first = best.baseline_size
     rate, error = np.append(best.values[:first], [3.0, 4.0]), 0.1 * width.value
     covariance = 1e-6 * np.eye(first + 4)
@@ -118,9 +118,9 @@ def ends(columns: tuple[Regressor, ...]) -> tuple[float, float]:
 
 
 def test_a_region_with_an_onset_has_the_sum_of_one_that_jumps() -> None:
-    """Where it has come on before it ends; parts that it holds in part lie about its first edge."""
-    places, held = _every_region(8, (0, 2, 4))
-    for (first, last, width), own in zip(places.tolist(), held, strict=True):
+    """Where its onset ends before it does; intervals with a share between 0 and 1 lie about its first edge."""
+    places, shares = _every_region(8, (0, 2, 4))
+    for (first, last, width), own in zip(places.tolist(), shares, strict=True):
         assert np.all((own >= 0.0) & (own <= 1.0))
         assert not np.any(own[last:])
         assert own.sum() == pytest.approx(last - first)

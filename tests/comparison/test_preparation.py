@@ -22,28 +22,28 @@ def test_a_record_that_has_no_motion_without_its_errors_or_under_its_noise_is_co
     monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     """As the record reads it has a motion: it was reconstructed from that."""
-    asked: list[Any] = []
+    calls: list[Any] = []
     flight = flown("research_cone", "bodyfixed").flight.window(0.0, 3.5)
 
     def runs_away(record: Flight, *settings: Any) -> None:
         if where == "reconstruct" or not np.array_equal(record.q, flight.q):
-            asked.append((record, settings))
+            calls.append((record, settings))
             raise UnanswerableError("the attitude runs away")
 
-    monkeypatch.setattr(preparation, "COLOURED", 0.0)  # noise as of every record is loud
+    monkeypatch.setattr(preparation, "COLOURED", 0.0)  # so that the noise of every record counts as coloured
     monkeypatch.setattr(preparation, where, runs_away)
     config = CompareConfig(mechanisms=("bodyfixed", "damping"), maximum_likelihood="none", knot_count=3)
     verdict = compare(flight, config).verdict
     assert verdict.outcome in ("named", "undecided", "none adequate")
     assert verdict.probability["damping"] < 0.02
-    assert asked
+    assert calls
 
 
 @pytest.mark.parametrize(
     "planted", ["bodyfixed", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("damping", "sticking"))]
 )
 def test_the_noise_beside_a_large_mechanism_is_that_of_the_instruments(planted: str) -> None:
-    """Beside a smooth moment alone it was 1.3 to 15 times as loud, for that follows no jump."""
+    """Beside a smooth moment alone it was 1.3 to 15 times as large, for that follows no jump."""
     simulated = flown("research_cone", planted)
     found = judged_cone(planted)
     noise, known = found.problem.rows.noise, simulated.config.instruments

@@ -1,4 +1,4 @@
-"""A mechanism under other names and units of its parameters: flown, compared, told, saved and restored.
+"""A mechanism under other names and units of its parameters: flown, compared, reported, saved and restored.
 
 That fits agree for any names and units: tests/linearisation/test_parameters.py.
 """
@@ -52,16 +52,16 @@ def test_its_flight_is_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     cone = load_config("research_cone", plant=(name,)).model_dump(exclude={"plantable"})
     cone |= {"duration": 0.5, "sample_rate": 100.0, "step": 0.01}
     (entry,) = cone["mechanisms"]
-    alike = []
+    flights = []
     for theta in ({"delay": 0.12}, {LATE.name: 120.0}):
         if LATE.name in theta:
             known_as_late(monkeypatch, "brv_hypo.simulation.vehicle")
         planted = entry | {"theta": theta, "start": 0.2, "stop": 0.4}
-        alike.append(simulate(load_config({**cone, "mechanisms": [planted]}), seed=1))
-    one, other = (flight.record.channels for flight in alike)
+        flights.append(simulate(load_config({**cone, "mechanisms": [planted]}), seed=1))
+    one, other = (flight.record.channels for flight in flights)
     for channel, values in one.items():
         np.testing.assert_allclose(other[channel], values, rtol=1e-12, atol=1e-12)
-    assert alike[1].truth.parameters[f"mechanisms.0.theta.{LATE.name}"] == 120.0
+    assert flights[1].truth.parameters[f"mechanisms.0.theta.{LATE.name}"] == 120.0
 
 
 def test_it_is_saved_and_restored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,9 +85,9 @@ def compared(alias: Alias | None) -> Comparison:
     module = importlib.import_module("brv_hypo.comparison.compare")
     own = module.parse_hypothesis
 
-    def parse(*told: Any) -> tuple[Mechanism, ...]:
+    def parse(*arguments: Any) -> tuple[Mechanism, ...]:
         return tuple(
-            each if alias is None or each.name not in DELAYED else late(each.name, alias) for each in own(*told)
+            each if alias is None or each.name not in DELAYED else late(each.name, alias) for each in own(*arguments)
         )
 
     with pytest.MonkeyPatch.context() as patch:
@@ -96,9 +96,9 @@ def compared(alias: Alias | None) -> Comparison:
 
 
 def _numbers(row: RankedHypothesis) -> dict[str, float]:
-    told = ("cp", "bic", "f_ratio", "log_likelihood", "prediction_error", "r2", "n_effective")
+    numbers = ("cp", "bic", "f_ratio", "log_likelihood", "prediction_error", "r2", "n_effective")
     delays = {f"delay {k}": term.delay_s for k, term in enumerate(row.terms) if term.delay_s is not None}
-    return {name: getattr(row, name) for name in told if getattr(row, name) is not None} | delays
+    return {name: getattr(row, name) for name in numbers if getattr(row, name) is not None} | delays
 
 
 @pytest.mark.thorough

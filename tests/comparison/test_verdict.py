@@ -387,14 +387,14 @@ def test_a_leader_that_repetitions_do_not_confirm_is_not_named(stretches: int) -
     confirmed = stretches / STRETCHES
     lag, null = lag_without(confirmed)
     outside = [side(LAG.level - 5.0)]
-    steady, shaken = judge([NULL, LAG], outside, GOOD), judge([null, lag], outside, GOOD)
+    steady, discounted = judge([NULL, LAG], outside, GOOD), judge([null, lag], outside, GOOD)
     assert steady.winner == "lag"
-    assert (shaken.winner, shaken.outcome) == (None, "undecided")
-    assert shaken.probability["lag"] == pytest.approx((stretches + 1.0) / (STRETCHES + 2.0))
-    assert shaken.probability[OTHER] == steady.probability[OTHER]
-    assert shaken.equivalent == ("lag", NONE)
-    assert shaken.stability == pytest.approx(confirmed)
-    assert sum(shaken.probability.values()) == pytest.approx(1.0)
+    assert (discounted.winner, discounted.outcome) == (None, "undecided")
+    assert discounted.probability["lag"] == pytest.approx((stretches + 1.0) / (STRETCHES + 2.0))
+    assert discounted.probability[OTHER] == steady.probability[OTHER]
+    assert discounted.equivalent == ("lag", NONE)
+    assert discounted.stability == pytest.approx(confirmed)
+    assert sum(discounted.probability.values()) == pytest.approx(1.0)
 
 
 def test_what_the_leader_loses_is_shared_by_probability() -> None:
@@ -446,20 +446,20 @@ def test_a_repetition_is_judged_by_the_same_rules(
     `levels` and `beyond` are the evidences without the first stretch; mechanisms predict the others better.
     """
 
-    def shaken(name: str, level: float, without_first: float, **others: str) -> Candidate:
+    def discounted(name: str, level: float, without_first: float, **others: str) -> Candidate:
         rest = [0.0 if name == NONE else 100.0] * (STRETCHES - 1)
         return candidate(name, level, [level - without_first, *rest], **others)
 
     listed = [
-        shaken(name, 50.0 if name == NONE else 0.0, without_first)
+        discounted(name, 50.0 if name == NONE else 0.0, without_first)
         for name, without_first in zip(NAMES, levels, strict=False)
     ]
-    outside = [shaken("side", 0.0, beyond, words=SIDE)]
+    outside = [discounted("side", 0.0, beyond, words=SIDE)]
     there = [replace(each, level=level) for each, level in zip(listed, levels, strict=True)]
     found = decide(there, [replace(outside[0], level=beyond)], GOOD)
     assert (found.outcome, found.winner) == (outcome, winner)
-    alike = (outcome, winner) == ("named", NONE)
-    assert judge(listed, outside, GOOD).stability == pytest.approx(1.0 if alike else 1.0 - 1.0 / STRETCHES)
+    baseline_only = (outcome, winner) == ("named", NONE)
+    assert judge(listed, outside, GOOD).stability == pytest.approx(1.0 if baseline_only else 1.0 - 1.0 / STRETCHES)
 
 
 # ---- Whatever the evidences ----
