@@ -1,4 +1,4 @@
-"""Faults of single channels: found and masked, and never seen in a sound channel."""
+"""Faults of single channels: found and masked, and never found in a sound channel."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_a_kink_of_the_rates_with_a_jump_of_the_forces_is_no_clock_step(within):
 def test_what_turns_about_the_vehicle_after_a_rest_is_no_thrust(turning: float) -> None:
     """A force across the axis that turns makes no speed along its own mean: there is nothing to lift off."""
     time = np.arange(0.0, 8.0, 0.005)
-    felt = np.where(time < 3.0, 0.0, 40.0)
-    forces = np.stack([9.81 * (time < 3.0), felt * np.cos(turning * time), felt * np.sin(turning * time)])
+    force = np.where(time < 3.0, 0.0, 40.0)
+    forces = np.stack([9.81 * (time < 3.0), force * np.cos(turning * time), force * np.sin(turning * time)])
     assert powered_flight(time, forces) is None
     assert nose_axis(time, np.zeros_like(forces), forces) is None

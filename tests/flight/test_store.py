@@ -34,7 +34,7 @@ POSITIVE = st.floats(1e-3, 1e4)
 def flights(draw: st.DrawFn) -> Flight:
     """Any flight that is valid: its rate, length, motion, vehicle, optional channels and gap.
 
-    Noise in whose few samples one stands out as a spike, which loading would replace, is not drawn.
+    Noise in whose few samples one counts as a spike, which loading would replace, is not drawn.
     """
     samples, rate = draw(st.integers(60, 200)), draw(st.floats(20.0, 1000.0))
     channels = motion(samples, rate, frequency=draw(st.floats(0.0, 0.05)) * rate, seed=draw(st.integers(0, 2**31)))
