@@ -1,6 +1,6 @@
 """When a result agrees with the frozen one: three classes for values, and one for messages.
 
-A path is `NAME.COMMAND:values/ranking/0/f_ratio`; `*` in the paths of `explained.yaml` stands for any part of one.
+A path is `NAME.COMMAND:values/ranking/0/f_ratio`; `*` in the paths of `explained.yaml` matches any part of one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Difference:
-    """Two leaves that do not agree, at `path`; `size` is what a difference of numbers is held against."""
+    """Two leaves that do not agree, at `path`; `size` is what a difference of numbers is compared with."""
 
     path: str
     frozen: Any
@@ -176,15 +176,15 @@ def _differences(frozen: Any, found: Any, path: str, same: Same, size: float | N
     elif frozen is ABSENT or found is ABSENT:
         yield Difference(path, frozen, found)
     elif isinstance(frozen, float) and _is_number(found):
-        held_against = (abs(frozen) or SIZE_OF_ZERO) if size is None else size
-        if not same(frozen, found, held_against):
-            yield Difference(path, frozen, found, held_against)
+        compared_with = (abs(frozen) or SIZE_OF_ZERO) if size is None else size
+        if not same(frozen, found, compared_with):
+            yield Difference(path, frozen, found, compared_with)
     elif same is not _anything and (type(frozen) is not type(found) or frozen != found):
         yield Difference(path, frozen, found)
 
 
 def _size_beside(section: dict[str, Any], key: str, path: str) -> float | None:
-    """What a number's difference is held against, by its neighbours and name; None: the number itself."""
+    """What a number's difference is compared with, by its neighbours and name; None: the number itself."""
     number, std_error = section.get(key), section.get("std_error")
     if not _is_number(number):
         return None

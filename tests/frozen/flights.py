@@ -16,7 +16,7 @@ from tests.flights import SAMPLE_RATE_HZ
 Command = str
 """One of `COMMANDS`."""
 COMMANDS: tuple[Command, ...] = ("inspect", "reconstruct", "compare", "trace", "predict")
-LOOK: tuple[Command, ...] = ("inspect", "reconstruct")
+RECORD_ONLY: tuple[Command, ...] = ("inspect", "reconstruct")
 RANK: tuple[Command, ...] = ("inspect", "reconstruct", "compare")
 
 
@@ -101,7 +101,7 @@ DEFAULT_FLIGHTS: tuple[Frozen, ...] = (
         plant=("magnus",),
         duration=3.0,
         changes={"vehicle": {"mass": 360.0, "iyy": 143.0}, "start": {"alpha": 0.035, "velocity": 6980.0}},
-        commands=(*LOOK, "predict"),
+        commands=(*RECORD_ONLY, "predict"),
         model="cone_magnus",
         default=True,
     ),
@@ -154,7 +154,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
         duration=4.0,
         draw=1.0,
         changes={"vehicle": {"mass": 341.0, "ixx": 14.4}, "start": {"alpha": 0.04, "roll_rate": 9.0}},
-        commands=(*LOOK, "predict"),
+        commands=(*RECORD_ONLY, "predict"),
         model="cone_cubic",
     ),
     Simulated(
@@ -206,7 +206,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
         duration=6.0,
         sample_rate=50.0,
         changes={"vehicle": {"mass": 214.0, "iyy": 43.0}, "start": {"alpha": 0.06}},
-        commands=(*LOOK, "predict"),
+        commands=(*RECORD_ONLY, "predict"),
         model="capsule_slow",
     ),
     # The sounding rocket.

@@ -27,7 +27,7 @@ class Rename:
     of: Literal["keys", "values", "messages"]
     where: str = "*"
 
-    def holds(self, kind: str, path: str) -> bool:
+    def applies(self, kind: str, path: str) -> bool:
         return self.of == kind and fnmatchcase(path, self.where)
 
 
@@ -94,12 +94,12 @@ def _renamed(item: Any, renames: Sequence[Rename], path: str) -> Any:
     if isinstance(item, list):
         return [_renamed(each, renames, f"{path}/{k}") for k, each in enumerate(item)]
     if isinstance(item, str):
-        return _words(item, [each for each in renames if each.holds("values", path)])
+        return _words(item, [each for each in renames if each.applies("values", path)])
     return item
 
 
 def _key(key: str, renames: Sequence[Rename], path: str) -> str:
-    return next((each.new for each in renames if each.old == key and each.holds("keys", path)), key)
+    return next((each.new for each in renames if each.old == key and each.applies("keys", path)), key)
 
 
 def _place(place: str, renames: Sequence[Rename], name: str) -> str:
@@ -115,8 +115,8 @@ def _text(text: str, renames: Sequence[Rename], path: str) -> str:
     value_path = path.replace(":messages/", ":values/")
     return _words(
         text,
-        [each for each in renames if each.holds("values", value_path)],
-        [each for each in renames if each.holds("messages", path)],
+        [each for each in renames if each.applies("values", value_path)],
+        [each for each in renames if each.applies("messages", path)],
     )
 
 

@@ -109,10 +109,10 @@ def test_the_three_classes() -> None:
 def test_an_explained_path_need_only_exist() -> None:
     frozen, moved = content_of(RESULT), content_of(RESULT | {"verdict": {"winner": "lag", "reason": "Else."}})
     known = [Explanation("*:values/verdict/winner", "another prior"), Explanation("*:messages/*", "reworded")]
-    left = disagreements(frozen, moved, "demo.compare", explanations=known)
-    assert [each.path for each in left] == ["demo.compare:values/verdict/probability"]
+    differing = disagreements(frozen, moved, "demo.compare", explanations=known)
+    assert [each.path for each in differing] == ["demo.compare:values/verdict/probability"]
     gone = Explanation("*:values/verdict/*", "no probabilities any more")
-    assert disagreements(frozen, moved, "demo.compare", explanations=[*known, gone]) == left
+    assert disagreements(frozen, moved, "demo.compare", explanations=[*known, gone]) == differing
 
 
 def test_an_explanation_may_require_closeness() -> None:

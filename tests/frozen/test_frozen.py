@@ -1,4 +1,4 @@
-"""The default flights' results are what they were; `python -m tests.frozen --all` asks this of all forty."""
+"""The default flights' results are what they were; `python -m tests.frozen --all` checks all forty."""
 
 from __future__ import annotations
 
