@@ -52,14 +52,14 @@ def cut_short(path: Path, draw: random.Random) -> None:
 
 
 def part_repeated(path: Path, draw: random.Random) -> None:
-    """A part stands twice, or elsewhere."""
+    """A part is repeated, or moved."""
     content = path.read_bytes()
     a, b, at = (draw.randrange(len(content) + 1) for _ in range(3))
     path.write_bytes(content[:at] + content[min(a, b) : max(a, b)][:100_000] + content[at:])
 
 
 def text_inserted(path: Path, draw: random.Random) -> None:
-    """Something nasty stands in the text."""
+    """Something nasty is put into the text."""
     content = path.read_bytes()
     at = draw.randrange(len(content) + 1)
     path.write_bytes(content[:at] + draw.choice(TEXTS).encode() + content[at + draw.choice((0, 0, 5)) :])

@@ -88,9 +88,9 @@ def ended(arguments: tuple[str, ...], folder: Path) -> str | None:
     begun = _processor_seconds()
     with _limited():
         done = CliRunner().invoke(app, list(arguments))
-    taken = _processor_seconds() - begun
-    if taken > LONGEST_SECONDS:
-        return f"took {taken:.0f} s"
+    seconds = _processor_seconds() - begun
+    if seconds > LONGEST_SECONDS:
+        return f"took {seconds:.0f} s"
     if done.exit_code not in SOUND_CODES:
         return f"exit code {done.exit_code}: {done.output[-600:]}"
     if done.exception is not None and not isinstance(done.exception, SystemExit):
@@ -111,16 +111,16 @@ def _processor_seconds() -> float:
     would pay for all before.
     """
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    living = sum(_taken_by(number) for number in _living_children())
+    living = sum(_seconds_of(number) for number in _living_children())
     return time.process_time() + children.ru_utime + children.ru_stime + living
 
 
 def _living_children() -> list[str]:
     """Process numbers of the children of every thread."""
-    return [number for path in Path("/proc/self/task").glob("*/children") for number in _told(path).split()]
+    return [number for path in Path("/proc/self/task").glob("*/children") for number in _content(path).split()]
 
 
-def _told(path: Path) -> str:
+def _content(path: Path) -> str:
     """What the system says of a thread or process; nothing where it has just ended."""
     try:
         return path.read_text()
@@ -128,9 +128,9 @@ def _told(path: Path) -> str:
         return ""
 
 
-def _taken_by(number: str) -> float:
+def _seconds_of(number: str) -> float:
     """Processor seconds of a living process; 0 where it has just ended."""
-    fields = _told(Path(f"/proc/{number}/stat")).rpartition(")")[2].split()
+    fields = _content(Path(f"/proc/{number}/stat")).rpartition(")")[2].split()
     if not fields:
         return 0.0
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -20,7 +20,7 @@ from tests.harness.invariance.chain import PLANTS, Case, Distance
 from tests.harness.invariance.laws import LAWS, NOTHING, Found, Law
 from tests.harness.invariance.test_laws import SIMPLEST, cases
 
-EVERY = 10  # flights between accounts of how it stands
+EVERY = 10  # flights between accounts of the result so far
 
 
 class _Account:
@@ -32,17 +32,17 @@ class _Account:
         self._seconds = 0.0
         self.broken = 0
 
-    def ask(self, data: st.DataObject, case: Case) -> None:
+    def check(self, data: st.DataObject, case: Case) -> None:
         """One flight more; printed where the law does not hold of it."""
         begun = time.process_time()
-        found, allowed = self._asked(data, case)
+        found, allowed = self._checked(data, case)
         self._seconds += time.process_time() - begun
         self._apart.append(found)
         if not found.within(allowed):
             self.broken += 1
             print(f"{self._name} does not hold of {case}: {found}, where {allowed} is allowed", flush=True)
 
-    def _asked(self, data: st.DataObject, case: Case) -> Found:
+    def _checked(self, data: st.DataObject, case: Case) -> Found:
         """Comparisons that have not even the same terms are infinitely far apart."""
         try:
             return self._law(data, case)
@@ -60,7 +60,9 @@ class _Account:
         )
 
 
-def ask(laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collection[str] = PLANTS) -> Iterable[_Account]:
+def check(
+    laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collection[str] = PLANTS
+) -> Iterable[_Account]:
     """Every law on those of so many drawn flights to which one of these mechanisms is fitted.
 
     The laws share what they compare with.
@@ -75,17 +77,17 @@ def ask(laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collecti
     def draw(case: Case, data: st.DataObject) -> None:
         assume(case != SIMPLEST)
         for account in accounts if case.mechanism in mechanisms else ():
-            account.ask(data, case)
+            account.check(data, case)
 
-    for asked in range(1, flights + 1):
-        seed(f"{number} {asked}")(draw)()
-        if asked % EVERY == 0:
-            print(f"after {asked} flights", *accounts, sep="\n", flush=True)
+    for drawn in range(1, flights + 1):
+        seed(f"{number} {drawn}")(draw)()
+        if drawn % EVERY == 0:
+            print(f"after {drawn} flights", *accounts, sep="\n", flush=True)
     return accounts
 
 
 def main() -> int:
-    """Ask every law, print where one does not hold, and a line for each."""
+    """Check every law, print where one does not hold, and a line for each."""
     parser = argparse.ArgumentParser(prog="python -m tests.harness.invariance", description=__doc__)
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
@@ -93,7 +95,7 @@ def main() -> int:
     parser.add_argument("--mechanism", choices=PLANTS[1:], action="append", help="flights to which it is fitted only")
     options = parser.parse_args()
     laws = {name: LAWS[name] for name in options.law or sorted(LAWS)}
-    accounts = ask(laws, options.flights, options.seed, options.mechanism or PLANTS)
+    accounts = check(laws, options.flights, options.seed, options.mechanism or PLANTS)
     print(*accounts, sep="\n")
     return 1 if any(account.broken for account in accounts) else 0
 

@@ -1,6 +1,6 @@
 """Short flights through the whole chain, and how far apart two comparisons of them are.
 
-Compared are the verdict, all probabilities, and the numbers of every hypothesis that the data leave standing. One that
+Compared are the verdict, all probabilities, and the numbers of every hypothesis that is credible. One that
 they refuse is where a search among many poor models ended, which a last digit may lead to a neighbour as poor.
 """
 
@@ -19,8 +19,8 @@ from brv_hypo.comparison.result import RankedHypothesis
 from brv_hypo.flight.record import Flight
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
-# Probability from which a hypothesis stands.
-STANDING = 1e-3
+# Probability from which a hypothesis is credible.
+CREDIBLE = 1e-3
 PLANTS = ("none", "bodyfixed", "damping", "sticking")
 
 
@@ -80,8 +80,8 @@ def distance(before: Comparison, after: Comparison, change: Change = UNCHANGED) 
     """The largest difference of any estimate and of any criterion; infinite where the verdicts are not the same."""
     if _verdict(before) != _verdict(after):
         return Distance(math.inf, math.inf)
-    rows = {row.mechanism: row for row in _standing(after)}
-    pairs = [(row, rows[row.mechanism]) for row in _standing(before)]
+    rows = {row.mechanism: row for row in _credible(after)}
+    pairs = [(row, rows[row.mechanism]) for row in _credible(before)]
     estimates = [apart for one, other in pairs for apart in _estimates(one, other, change)]
     if "none" in rows:
         for one, other in zip(before.baseline.terms, after.baseline.terms, strict=True):
@@ -92,14 +92,14 @@ def distance(before: Comparison, after: Comparison, change: Change = UNCHANGED) 
     return Distance(float(np.max(estimates, initial=0.0)), float(np.max(criteria)))
 
 
-def _standing(comparison: Comparison) -> list[RankedHypothesis]:
+def _credible(comparison: Comparison) -> list[RankedHypothesis]:
     """Those that the data do not refuse, in their order."""
-    return [row for row in comparison.ranking if comparison.verdict.probability[row.mechanism] >= STANDING]
+    return [row for row in comparison.ranking if comparison.verdict.probability[row.mechanism] >= CREDIBLE]
 
 
 def _verdict(comparison: Comparison) -> tuple[object, ...]:
     verdict = comparison.verdict
-    names = [row.mechanism for row in _standing(comparison)]
+    names = [row.mechanism for row in _credible(comparison)]
     return verdict.outcome, verdict.winner, verdict.equivalent, names
 
 
@@ -107,7 +107,7 @@ def _estimates(one: RankedHypothesis, other: RankedHypothesis, change: Change) -
     """Differences of the estimates that do not turn with the axes, in standard errors."""
     assert one.n_terms == other.n_terms, f"{one.mechanism} has {one.n_terms} terms, then {other.n_terms}"
     for before, after in zip(one.derived, other.derived, strict=True):
-        moved = after.value - _told_otherwise(before.name, before.value, change)
+        moved = after.value - _transformed(before.name, before.value, change)
         yield abs(math.remainder(moved, 2.0 * math.pi) if before.units == "rad" else moved) / before.std_error
     for term, again in zip(one.terms, other.terms, strict=True):
         if "phi_b" not in term.name:  # a component: length and angle are above
@@ -120,7 +120,7 @@ def _criteria(one: RankedHypothesis, other: RankedHypothesis) -> Iterator[float]
     yield abs(math.log(other.prediction_error / one.prediction_error))
 
 
-def _told_otherwise(name: str, value: float, change: Change) -> float:
+def _transformed(name: str, value: float, change: Change) -> float:
     if name == "phi_b":
         return change.sign * value + change.roll
     return value + change.shift if name.endswith("knot") else value

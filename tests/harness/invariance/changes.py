@@ -1,4 +1,4 @@
-"""The same flight told otherwise: in other units, other axes, from another origin of time, in a mirror."""
+"""The same flight expressed otherwise: in other units, other axes, from another origin of time, in a mirror."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ SI_UNITS = {name: UNITS[name] for name in NAMES}
 def written(flight: Flight, units: Mapping[str, str], path: Path) -> Flight:
     """The flight as it comes back from a record in these units, by name."""
 
-    def told(holder: object, name: str) -> FloatArray:
+    def in_units(holder: object, name: str) -> FloatArray:
         size = ACCEPTED[UNITS[name]][units[name]]
         return np.asarray(getattr(holder, name), dtype=float) / size
 
-    channels = {name: told(flight, name) for name in ("time", *CHANNELS)}
-    vehicle = {field.name: told(flight.vehicle, field.name) for field in fields(Vehicle)}
+    channels = {name: in_units(flight, name) for name in ("time", *CHANNELS)}
+    vehicle = {field.name: in_units(flight.vehicle, field.name) for field in fields(Vehicle)}
     return load_flight(write_raw(path, channels, units=units, vehicle=vehicle))
 
 

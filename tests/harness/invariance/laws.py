@@ -28,7 +28,7 @@ NOTHING = Distance(0.0, 0.0)
 # Of numbers of 53 bits, where the flight holds what is fitted to it.
 ROUNDING = Distance(1e-6, 5e-5)
 # The same where the flight does not hold it: knots and delays are hardly known then, and an angle of what is not there
-# is anything (3e-4 seen).
+# is anything (3e-4 measured).
 UNHELD = Distance(1e-3, 1e-3)
 # Where sums are taken in another order, axes are others, columns are scaled, or times begin thousands of seconds later:
 # the whole motion, some 10,000 times the noise, is rounded otherwise, and the design makes some hundreds of it.
@@ -49,10 +49,10 @@ def any_units(data: st.DataObject, case: Case) -> Found:
     choices = {name: st.sampled_from(sorted(ACCEPTED[UNITS[name]])) for name in NAMES}
     others = data.draw(st.fixed_dictionaries(choices))
     with tempfile.TemporaryDirectory() as folder:
-        plain, told = (
+        plain, converted = (
             written(flight(case), units, Path(folder, f"{k}.h5")) for k, units in enumerate((SI_UNITS, others))
         )
-    return distance(compared([plain], case), compared([told], case)), _rounding(case)
+    return distance(compared([plain], case), compared([converted], case)), _rounding(case)
 
 
 def any_last_digit(data: st.DataObject, case: Case) -> Found:
@@ -79,7 +79,7 @@ def a_mirror(data: st.DataObject, case: Case) -> Found:
 
 def any_order_of_flights(data: st.DataObject, case: Case) -> Found:
     order = data.draw(st.permutations(range(data.draw(st.integers(2, 3)))))
-    # The given order tells nothing: the other way round.
+    # The given order decides nothing: the other way round.
     return reordered(case, order[::-1] if order == sorted(order) else order), SUMMED
 
 
@@ -95,11 +95,11 @@ def any_number_of_threads(data: st.DataObject, case: Case) -> Found:
     return distance(original(case), after), NOTHING
 
 
-class Told(Mechanism):
+class Rescaled(Mechanism):
     """Columns `size` times those of `damping`, with a copy of the first that is off by `parts` of it."""
 
     name = "damping"
-    title = claims = source = "damping, told otherwise"
+    title = claims = source = "damping, rescaled"
     size: float = 1.0
     parts: float = 0.0
 
@@ -113,7 +113,7 @@ class Told(Mechanism):
 
 
 @cache
-def _told(mechanism: Told, case: Case) -> Comparison:
+def _with_damping(mechanism: Rescaled, case: Case) -> Comparison:
     """The comparison in which `damping` is this mechanism."""
     module = importlib.import_module("brv_hypo.comparison.compare")
     known = module.parse_hypothesis
@@ -129,9 +129,9 @@ def _told(mechanism: Told, case: Case) -> Comparison:
 def any_scale_of_columns(data: st.DataObject, case: Case) -> Found:
     size = 10.0 ** data.draw(st.integers(-8, 8))
     case = replace(case, planted="damping", mechanism="damping")
-    after = _told(Told(size=size), case)
+    after = _with_damping(Rescaled(size=size), case)
     rows = [row.model_copy(update={"terms": tuple(_times(term, size) for term in row.terms)}) for row in after.ranking]
-    return distance(_told(Told(), case), after.model_copy(update={"ranking": tuple(rows)})), SUMMED
+    return distance(_with_damping(Rescaled(), case), after.model_copy(update={"ranking": tuple(rows)})), SUMMED
 
 
 def _times(term: TermEstimate, size: float) -> TermEstimate:
@@ -142,7 +142,7 @@ def near_dependent_columns(data: st.DataObject, case: Case) -> Found:
     """A copy of a column explains nothing more: the same fit, for the price of a longer list."""
     parts = 10.0 ** data.draw(st.floats(-16.0, math.log10(MOST_PARTS)))
     case = replace(case, planted="damping", mechanism="damping")
-    return distance(_told(Told(), case), _told(Told(parts=parts), case)), COPIED
+    return distance(_with_damping(Rescaled(), case), _with_damping(Rescaled(parts=parts), case)), COPIED
 
 
 LAWS: dict[str, Law] = {

@@ -22,7 +22,7 @@ SIMPLEST = Case(1, 0.03, 0.0, 4.0, PLANTS[1], PLANTS[1])
 
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
-    """Every other flight holds what is fitted to it: where none stands there are a verdict and chances to compare."""
+    """Every other flight has what is fitted to it: where none is credible a verdict and chances are compared."""
     # First the seed: a run's second example is made to differ from its first in what is drawn first.
     seed = draw(st.integers(1, 10_000))
     mechanism = draw(st.sampled_from(PLANTS[1:]))
@@ -80,7 +80,7 @@ def test_nor_is_a_model_that_two_ways_of_searching_found():
 @pytest.mark.parametrize(
     "case",
     [
-        # Errors of the record were taken out one after the other, in an order by axes: 0.05 of 2 ln L.
+        # Errors of the record were corrected one after the other, in an order by axes: 0.05 of 2 ln L.
         Case(152, 0.03423439955156618, 0.0, 9.583694839176298, "damping", "damping"),
         # What the start and gravity do was found by steps so wide that it was not linear: 1e-3 of 2 ln L.
         pytest.param(
@@ -101,7 +101,7 @@ def test_rolled_axes_give_the_same_comparison(case):
     [
         # It was brought up to date once: the fraction was 6e-6 standard errors off by the units of the record.
         Case(983, 0.05878016098593794, 2.654069041363325e-307, 9.60851528930917, "sticking", "sticking"),
-        # Rounds of several steps, as many as rounding let, each of which left half: 2e-6.
+        # Rounds of several steps, as many as rounding let, each of which halved the error: 2e-6.
         pytest.param(
             Case(670, 0.058017527707378336, -0.23252908411561002, 5.0, "sticking", "sticking"), marks=pytest.mark.slow
         ),

@@ -82,7 +82,7 @@ def _package(path: Path) -> None:
 
 
 def _study(path: Path) -> None:
-    """Every file that is there is whole; of the flights none stands twice."""
+    """Every file that is there is whole; no flight is in it twice."""
     checks = {"results.csv": _rows, "summary.json": _json("study"), "report.html": _page}
     for name, check in checks.items():
         if (path / name).exists():

@@ -28,7 +28,7 @@ FULL_AT_SHARE = 1.2  # of what the outputs take, the most room on a full disk: t
 class Plan:
     """A command and when it is killed: at `share` of its usual time, or `after` s from the first sign of writing.
 
-    `old`: outputs stand there before, and are to be replaced. `room`: share of the outputs' bytes that the disk has.
+    `old`: outputs exist before, and are to be replaced. `room`: share of the outputs' bytes that the disk has.
     """
 
     command: Command
@@ -57,7 +57,7 @@ class Result:
 
 
 def plans(runs: int, full: int, seed: int, only: str = "") -> Iterator[Plan]:
-    """`runs` plans in turn over the commands whose label holds `only`, `full` of them on a full disk."""
+    """`runs` plans in turn over the commands whose label contains `only`, `full` of them on a full disk."""
     draw = random.Random(seed)
     commands = [command for command in COMMANDS if only in command.label]
     on_full = set(draw.sample(range(runs), min(full, runs)))
@@ -138,7 +138,7 @@ def _at(plan: Plan, usual: Reference, folder: Path) -> Callable[[float], bool]:
 
 
 def _has_begun(command: Command, folder: Path) -> bool:
-    """True where a temporary stands; of a study, where its folder holds a flight."""
+    """True where a temporary exists; of a study, where its folder holds a flight."""
     if command.goes_on:
         with suppress(OSError, sqlite3.DatabaseError):  # it is being written just now
             return bool(flights_of(folder / "out"))
@@ -164,8 +164,8 @@ def _done_again(command: Command, inputs: Path, folder: Path) -> None:
         done = CliRunner().invoke(app, line)
     finally:
         os.chdir(before)
-    stands = not command.replaces and not command.goes_on and done.exit_code == 2 and "exists" in done.output
-    assert done.exit_code == 0 or stands, f"done again, it ends with {done.exit_code}: {done.output}"
+    exists = not command.replaces and not command.goes_on and done.exit_code == 2 and "exists" in done.output
+    assert done.exit_code == 0 or exists, f"done again, it ends with {done.exit_code}: {done.output}"
 
 
 def _judge(command: Command, folder: Path, temporary: Path, *, finished: bool, killed: bool = False) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 LONGEST_SECONDS = 300.0
 ORPHANS_MAY_TAKE_SECONDS = 20.0  # to see that their parent is gone, on a busy machine
-_LOOK_SECONDS = 2e-4
+_POLL_SECONDS = 2e-4
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def run(
             passed = time.monotonic() - begun
             killed = passed > LONGEST_SECONDS or moment(passed)
             if not killed:
-                time.sleep(_LOOK_SECONDS)
+                time.sleep(_POLL_SECONDS)
         process.send_signal(signal.SIGKILL)
         code = process.wait()
         left = orphans_of(process.pid)
