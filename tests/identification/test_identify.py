@@ -57,7 +57,7 @@ def test_errors_of_a_perfect_record_stay_within_their_tolerances(bodyfixed):
     ],
 )
 def test_an_error_of_the_record_far_beyond_its_tolerance_is_measured_and_said(path, name):
-    """Ten tolerances, planted by the simulator; what two values share is told of both."""
+    """Ten tolerances, planted by the simulator; what two values share is reported for both."""
     ((_, quiet),) = flights("none", 1, seed=11)
     effect, component = name.split()
     sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(quiet)}
@@ -84,16 +84,16 @@ def test_with_errors_within_tolerance_estimates_are_within_theirs():
 
 @pytest.mark.thorough
 def test_a_known_wind_enters_the_motion():
-    """A step of 100 m/s that the record tells of, and that did not blow, does not fit."""
+    """A step of 100 m/s that the record has, and that did not blow, does not fit."""
     ((simulated, flight),) = flights("none", 1, seed=13)
     wind = np.zeros((flight.samples, 3))
     work = trial(simulated, flight)
-    told = identify(work.frame, work.columns, work.values)
+    found = identify(work.frame, work.columns, work.values)
     wind[flight.samples // 2 :, 1] = 100.0
     record = work.frame.reconstructions[0]
     frame = replace(work.frame, reconstructions=(replace(record, flight=replace(flight, wind=wind)),))
     false = identify(frame, work.columns, work.values)
-    assert told.log_likelihood > false.log_likelihood + 10.0
+    assert found.log_likelihood > false.log_likelihood + 10.0
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def derivatives(t):
 
 
 def collocated(time_basis: TimeBasis, corrected: bool = True) -> tuple[float, float]:
-    """Rate and position at the end, by Hermite-Simpson, of rate' = course x moment, position' = rate."""
+    """Rate and position at the end, by Hermite-Simpson, of rate' = time basis x moment, position' = rate."""
     half = np.full_like(MIDDLES, STEP / 2)
     first, second = kink(time_basis, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
     slope, curvature = derivatives(MIDDLES)
@@ -113,8 +113,8 @@ def test_a_time_basis_in_a_flights_own_time_is_not_changed() -> None:
 @pytest.mark.parametrize(("moved", "brought", "stale"), [(0.0, 0.0, False), (0.09, 0.0, True), (0.0, 2e-4, True)])
 def test_a_fixed_knot_has_no_error_and_does_not_move(moved: float, brought: float, stale: bool) -> None:
     """Nodes are where they were, or not, whether its error is known or not; so are block means if an estimate moves."""
-    nonlinear_parameters = (SimpleNamespace(name="held", kind="knot"), SimpleNamespace(name="free", kind="knot"))
-    places = {"held": 1.0, "free": 2.0}
+    nonlinear_parameters = (SimpleNamespace(name="fixed", kind="knot"), SimpleNamespace(name="free", kind="knot"))
+    places = {"fixed": 1.0, "free": 2.0}
     old: Any = SimpleNamespace(
         block=2,
         structure=SimpleNamespace(nonlinear_parameters=nonlinear_parameters),
@@ -122,8 +122,8 @@ def test_a_fixed_knot_has_no_error_and_does_not_move(moved: float, brought: floa
         seconds_to_node=0.1,
         solve=lambda **_: SimpleNamespace(theta={"free": 2.0 + moved + brought}),
     )
-    found: Any = SimpleNamespace(theta={"held": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3})
-    assert _stale(old, old, found, ("held",)) is stale
+    found: Any = SimpleNamespace(theta={"fixed": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3})
+    assert _stale(old, old, found, ("fixed",)) is stale
 
 
 @pytest.mark.parametrize(

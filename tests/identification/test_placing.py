@@ -1,4 +1,4 @@
-"""Where nodes stand."""
+"""Where nodes are placed."""
 
 from __future__ import annotations
 

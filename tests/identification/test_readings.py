@@ -27,5 +27,5 @@ def test_noise_free_readings_differ_from_the_measured_ones_by_the_instruments_no
     instruments = simulated.config.instruments
     for channels, noise in (("qr", instruments.gyro.noise), (("ay", "az"), instruments.accelerometer.noise)):
         for channel in channels:
-            left = getattr(simulated.flight, channel) - getattr(quiet, channel)
-            np.testing.assert_allclose(np.std(left), noise, rtol=0.15)
+            difference = getattr(simulated.flight, channel) - getattr(quiet, channel)
+            np.testing.assert_allclose(np.std(difference), noise, rtol=0.15)

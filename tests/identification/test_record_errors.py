@@ -106,9 +106,9 @@ def test_time_varying_errors_are_the_histories_at_the_nodes(linearised):
     local = np.arange(300).reshape(100, 3)
     turn = np.exp(1j * inputs.roll[:300])
     time_varying = {c.name: c for c in error_histories(errors, 0, flight.time[:300], slice(0, 300), turn, local)}
-    course = time_varying[of_flight(GYROS[0], 0)]
+    time_varying_error = time_varying[of_flight(GYROS[0], 0)]
     size, scale = histories(errors, "gyro_scale q")
-    row = course.weights.index(of_flight("gyro_scale q", 0))
+    row = time_varying_error.weights.index(of_flight("gyro_scale q", 0))
     nodes = flight.time[:300][local[:, 1]]
     # Averaged over three samples in axes that the body turns in by a few hundredths of a radian.
-    np.testing.assert_allclose(course.shapes(nodes)[row], scale[GYROS[0]][local[:, 1]], atol=2e-3 * size)
+    np.testing.assert_allclose(time_varying_error.shapes(nodes)[row], scale[GYROS[0]][local[:, 1]], atol=2e-3 * size)
