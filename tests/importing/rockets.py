@@ -24,12 +24,12 @@ CLOCK = 5000.0  # s that the second recorder is ahead
 
 def climb(time: Any) -> tuple[Any, Any, Any]:
     """Acceleration m/s^2, speed m/s and altitude m of a vertical climb at `time` (n,) s."""
-    dense, *course = _course()
-    return tuple(np.interp(time, dense, each) for each in course)
+    dense, *histories = _climb()
+    return tuple(np.interp(time, dense, each) for each in histories)
 
 
 @cache
-def _course() -> tuple[Any, ...]:
+def _climb() -> tuple[Any, ...]:
     """Times, accelerations, speeds and altitudes of the climb, every millisecond."""
     dense = np.arange(-10.0, END + 1.0, 1e-3)
     thrust = np.where((dense >= IGNITION) & (dense < BURNOUT), 70.0, 0.0)

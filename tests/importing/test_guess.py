@@ -1,4 +1,4 @@
-"""A map guessed from names and physics: odd names, wrong and missing units, axes that stand otherwise."""
+"""A map guessed from names and physics: odd names, wrong and missing units, rotated axes."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ def test_units_of_time_in_a_name_are_kept(tmp_path: Path, name: str, size: float
 
 @pytest.mark.parametrize("struct", ["", "log"])
 def test_units_that_nothing_states_are_doubted(tmp_path: Path, struct: str) -> None:
-    """In flight throughout: no rest tells gravity, and no name tells units; of a MATLAB file in a struct or not."""
+    """In flight throughout: no rest shows gravity, and no name states units; of a MATLAB file in a struct or not."""
     log = logged()
     flown = log["time"] > 3.0
     names = {"time": "t_ms", "p": "gyro_x", "q": "gyro_y", "r": "gyro_z", "ax": "acc_x", "ay": "acc_y", "az": "acc_z"}
@@ -270,7 +270,7 @@ def test_units_that_nothing_states_are_doubted(tmp_path: Path, struct: str) -> N
     [((), None), (("az",), "as if p, q, r were -p, -q, r"), (("q",), "as if p, q, r were p, -q, r")],
 )
 def test_a_reversed_sign_on_an_entry_is_noticed(tmp_path: Path, mistaken: tuple[str, ...], said: str | None) -> None:
-    """Speed and dynamic pressure tell the signs where no thrust does."""
+    """Speed and dynamic pressure give the signs where no thrust does."""
     flight = simulate("blunt_capsule", seed=1, duration=4.0).flight
     units = {"time": "s", **dict.fromkeys("pqr", "radps"), **dict.fromkeys(("ax", "ay", "az"), "mps2")}
     units |= {"velocity": "mps", "dynamic_pressure": "Pa"}

@@ -148,11 +148,11 @@ def test_a_parachute_ends_an_entry() -> None:
 def test_a_clock_is_found_whatever_scale_and_constant(lag: float, factor: float, constant: float) -> None:
     time = np.arange(0.0, 20.0, 0.01)
 
-    def course(t: Any) -> Any:
+    def profile(t: Any) -> Any:
         return np.exp(-((t - 8.0) ** 2)) + 0.6 * np.exp(-((t - 11.0) ** 2) / 4.0)
 
     other = np.arange(2.0, 18.0, 0.025)
-    moved, likeness = clock_offset(time, course(time), other - lag, factor * course(other) + constant)
+    moved, likeness = clock_offset(time, profile(time), other - lag, factor * profile(other) + constant)
     assert moved == pytest.approx(lag, abs=5e-3)
     assert likeness > 0.99
 
