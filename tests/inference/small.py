@@ -27,7 +27,7 @@ class Sizes:
     terms: int = 2
     shifts: int = 1
     splines: tuple[int, ...] = (3, 4)
-    taken_out: int = 0
+    without_prior: int = 0
     """Columns of each flight without a prior."""
     stretches: int = 4
 
@@ -37,7 +37,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
     rng = np.random.default_rng(seed)
     count = sizes.flights * sizes.rows
     own = block_diag(
-        *(np.linalg.qr(rng.standard_normal((sizes.rows, sizes.taken_out)))[0] for _ in range(sizes.flights))
+        *(np.linalg.qr(rng.standard_normal((sizes.rows, sizes.without_prior)))[0] for _ in range(sizes.flights))
     ).reshape(count, -1)
 
     def columns(number: int) -> FloatArray:
@@ -54,9 +54,9 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         z = rng.standard_normal((sizes.rows, int(ends[-1])))
         own_z = z - own[here] @ (own[here].T @ z)
         places = tuple(slice(*each) for each in zip(starts, ends, strict=True))
-        taken = own[here][:, flight * sizes.taken_out : (flight + 1) * sizes.taken_out]
+        part = own[here][:, flight * sizes.without_prior : (flight + 1) * sizes.without_prior]
         no_errors = np.zeros((sizes.rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
-        blocks.append(Block(here, own_z, places, own_z, taken, *no_errors))
+        blocks.append(Block(here, own_z, places, own_z, part, *no_errors))
     groups = tuple(
         Group(f"process {k}", "family", "1", 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0)) for k in range(len(sizes.splines))
     )
@@ -80,7 +80,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
     return rows, terms
 
 
-def taken_out(rows: Rows) -> FloatArray:
+def without_prior(rows: Rows) -> FloatArray:
     """What has no prior and is of one flight: orthonormal columns (n, columns)."""
     parts = []
     for block in rows.blocks:
@@ -106,7 +106,7 @@ class Dense:
     @property
     def flat(self) -> FloatArray:
         """All that has no prior (n, columns)."""
-        return np.concatenate([taken_out(self.rows), self.rows.shared[:, np.isinf(self.rows.spread)]], axis=1)
+        return np.concatenate([without_prior(self.rows), self.rows.shared[:, np.isinf(self.rows.spread)]], axis=1)
 
     @property
     def bounded(self) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference import Evidence, Rows, evidence, maximised
 from brv_hypo.inference.rows import Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
-from tests.inference.small import Dense, Sizes, dense, small, taken_out
+from tests.inference.small import Dense, Sizes, dense, small, without_prior
 
 SIZES = st.builds(
     Sizes,
@@ -29,7 +29,7 @@ SIZES = st.builds(
     terms=st.integers(0, 3),
     shifts=st.integers(0, 2),
     splines=st.lists(st.integers(1, 4), min_size=1, max_size=3).map(tuple),
-    taken_out=st.integers(0, 2),
+    without_prior=st.integers(0, 2),
 )
 ONE_AND_TWO = pytest.mark.parametrize("sizes", [Sizes(), Sizes(flights=2)])
 AGREE = 1e-8
@@ -66,16 +66,16 @@ class Cost(NamedTuple):
 
 
 def cost_of(rows: Rows, terms: Terms, patch: pytest.MonkeyPatch) -> Cost:
-    asked: list[Cost] = []
+    called: list[Cost] = []
 
     def stays(cost: Any, start: FloatArray, *, jac: Any, hess: Any, **options: Any) -> SimpleNamespace:
-        asked.append(Cost(cost, jac, hess))
+        called.append(Cost(cost, jac, hess))
         return SimpleNamespace(x=start, fun=cost(start), jac=jac(start), hess=hess(start))
 
     with patch.context() as context:
         context.setattr(evidence, "minimize", stays)
         maximised(rows, terms)
-    return asked[0]
+    return called[0]
 
 
 def differences(of: Callable[[FloatArray], Any], at: FloatArray) -> FloatArray:
@@ -123,7 +123,7 @@ def test_coefficients_and_their_covariance_are_those_of_the_normal_equations(siz
     rows, whole = own.rows, dense(own)
     mean, covariance = whole.posterior()
     flat, known = whole.flat.shape[1], sizes.terms + sizes.shifts
-    chosen = [*range(taken_out(rows).shape[1], flat), *range(flat + sizes.allowed, flat + sizes.allowed + known)]
+    chosen = [*range(without_prior(rows).shape[1], flat), *range(flat + sizes.allowed, flat + sizes.allowed + known)]
     makes = np.eye(len(chosen))
     makes[: sizes.baseline, : sizes.baseline] = rows.coefficients
     scale = np.sqrt(np.diag(own.covariance))
@@ -165,7 +165,7 @@ def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes)
     flat, known = whole.flat.shape[1], sizes.baseline
     first = flat + sizes.allowed + sizes.terms + sizes.shifts + flight * sum(sizes.splines)
     makes = np.zeros((points, mean.size))
-    makes[:, taken_out(own.rows).shape[1] : flat] = values[:, :known] @ own.rows.coefficients
+    makes[:, without_prior(own.rows).shape[1] : flat] = values[:, :known] @ own.rows.coefficients
     makes[:, flat + sizes.allowed : flat + sizes.allowed + sizes.terms + sizes.shifts] = values[:, known:]
     for k, each in splines.items():
         place = own.rows.blocks[flight].columns[k]
@@ -174,7 +174,7 @@ def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes)
     assert value == pytest.approx(makes @ mean, rel=1e-7, abs=1e-9)
     assert error == pytest.approx(np.sqrt(np.sum((makes @ covariance) * makes, axis=1)), rel=1e-7)
     place, coefficient = own.rows.blocks[flight].columns[0], np.zeros((1, mean.size))
-    coefficient[:, taken_out(own.rows).shape[1] : flat] = own.rows.coefficients[0]
+    coefficient[:, without_prior(own.rows).shape[1] : flat] = own.rows.coefficients[0]
     process = np.eye(mean.size)[first + place.start : first + place.stop]
     found_of = np.zeros((points, correlation.shape[1]))
     for column, other in ((0, process), (len(sizes.splines), coefficient)):
@@ -211,7 +211,7 @@ def test_the_residual_is_the_data_less_all_that_the_normal_equations_fit(sizes: 
 
 
 @settings(max_examples=10)
-@given(sizes=SIZES.filter(lambda sizes: not sizes.taken_out), seed=st.integers(0, 1000))
+@given(sizes=SIZES.filter(lambda sizes: not sizes.without_prior), seed=st.integers(0, 1000))
 def test_a_stretch_left_out_is_a_problem_without_its_rows(sizes: Sizes, seed: int) -> None:
     own = found(sizes, seed)
     stretches = own.rows.time_blocks
@@ -306,7 +306,7 @@ def test_beside_the_baseline_is_the_residual_of_least_squares() -> None:
 def test_errors_within_tolerances_are_noise(flights: int) -> None:
     """Scalar products of whitened rows are those under the inverse of 1 + T T' of each flight."""
     rng = np.random.default_rng(14)
-    rows, _ = small(Sizes(flights=flights, rows=30, taken_out=1), 13)
+    rows, _ = small(Sizes(flights=flights, rows=30, without_prior=1), 13)
     blocks, expected = [], np.zeros((rows.y.size, rows.y.size))
     for block in rows.blocks:
         own = block.own
@@ -317,9 +317,9 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
         expected[np.ix_(block.rows, block.rows)] = np.linalg.inv(np.eye(30) + tolerances @ tolerances.T)
     noisy = replace(rows, blocks=tuple(blocks))
     given = rng.standard_normal((rows.y.size, 3))
-    known = given - taken_out(rows) @ (taken_out(rows).T @ given)
+    known = given - without_prior(rows) @ (without_prior(rows).T @ given)
     assert noisy.whitened(given).T @ noisy.whitened(given) == pytest.approx(known.T @ expected @ known)
-    assert taken_out(rows).T @ noisy.whitened(given) == pytest.approx(np.zeros((flights, 3)), abs=1e-12)
+    assert without_prior(rows).T @ noisy.whitened(given) == pytest.approx(np.zeros((flights, 3)), abs=1e-12)
 
 
 # ---- On data that the model itself makes ----
@@ -369,7 +369,7 @@ def test_stated_errors_and_amplitudes_have_their_coverage() -> None:
 
 @pytest.mark.thorough
 def test_stated_errors_and_amplitudes_have_their_coverage_in_many_draws() -> None:
-    """1000 draws: three standard errors of a share of 0.95 are 0.021; amplitudes are held at their mode meanwhile."""
+    """1000 draws: three standard errors of a share of 0.95 are 0.021; amplitudes are fixed at their mode meanwhile."""
     check_coverage(1000, 0.025)
 
 

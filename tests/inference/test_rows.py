@@ -26,7 +26,7 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from tests.chains import judged_cone
 from tests.flights import flown
-from tests.inference.small import taken_out
+from tests.inference.small import without_prior
 
 PROCESSES = moment_processes()
 
@@ -135,10 +135,10 @@ def test_what_has_no_prior_is_in_nothing(flights: int) -> None:
         parts.append(z)
     for part in parts:
         lengths = np.maximum(np.linalg.norm(part, axis=0), 1e-12)
-        assert np.max(np.abs(taken_out(rows).T @ (part / lengths)), initial=0.0) < 1e-9
-    assert rows.size == np.sum(rows.counted) - taken_out(rows).shape[1]
+        assert np.max(np.abs(without_prior(rows).T @ (part / lengths)), initial=0.0) < 1e-9
+    assert rows.size == np.sum(rows.counted) - without_prior(rows).shape[1]
     assert np.sum(~rows.counted) == 4 * flights * SETTLING // rows.problem.rows.noise.thinning
-    assert taken_out(rows).T @ taken_out(rows) == pytest.approx(np.eye(taken_out(rows).shape[1]), abs=1e-9)
+    assert without_prior(rows).T @ without_prior(rows) == pytest.approx(np.eye(without_prior(rows).shape[1]), abs=1e-9)
 
 
 def test_columns_of_the_baseline_are_orthonormal_and_their_coefficients_those_of_its_own() -> None:
@@ -166,7 +166,7 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
             if item.flight == flight and np.isfinite(item.present) and item.name not in processes
         ]
         errors = rows.counted[:, np.newaxis] * design[:, mine]
-        errors -= taken_out(rows) @ (taken_out(rows).T @ errors)
+        errors -= without_prior(rows) @ (without_prior(rows).T @ errors)
         own = errors[block.rows]
         assert np.all(np.linalg.norm(rows.whitened(errors), axis=0) <= 1.0 + 1e-9)
         given = block.less(np.random.default_rng(2).standard_normal((own.shape[0], 2)))
@@ -189,7 +189,7 @@ def test_blocks_of_several_flights_are_disjoint_and_make_up_all_rows() -> None:
 
 
 def test_a_flights_errors_show_in_its_own_rows_alone() -> None:
-    """Its histories are nothing in those of another, once what has no prior is taken out."""
+    """Its histories are nothing in those of another, once what has no prior is projected out."""
     rows, problem = two_flights(), two_flights().problem
     items = problem.rows.nuisances.items
     design = problem.rows.nuisance_design[: rows.y.size, -len(items) :]
@@ -310,9 +310,9 @@ def test_an_installed_process_that_was_not_requested_is_in_no_group(monkeypatch:
     own = {group.name for group in one_flight().groups}
     assert {group.name for group in again().groups} == own
     with requested(["four_lobes"]):
-        asked = again()
-    assert {group.name for group in asked.groups} == {*own, "four_lobes"}
-    assert asked.blocks[0].columns[place_of(asked, "four_lobes")].stop > 0
+        on_request = again()
+    assert {group.name for group in on_request.groups} == {*own, "four_lobes"}
+    assert on_request.blocks[0].columns[place_of(on_request, "four_lobes")].stop > 0
     with requested(["four_lobes"], faulty=["four_lobes"]):
         assert {group.name for group in again().groups} == own
 
@@ -333,7 +333,7 @@ def test_errors_within_tolerances_are_those_of_the_normal_equations() -> None:
     top = own.rows.y.size
     design = own.rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]
     errors = np.where(own.rows.counted[:, np.newaxis], design, 0.0)
-    errors -= taken_out(own.rows) @ (taken_out(own.rows).T @ errors)
+    errors -= without_prior(own.rows) @ (without_prior(own.rows).T @ errors)
     whole = np.eye(top) + errors @ errors.T
     values, vectors = np.linalg.eigh(whole)
     unexplained = vectors @ (np.sqrt(values) * (vectors.T @ own.residual))
@@ -357,7 +357,7 @@ def test_errors_of_an_estimate_that_knows_no_processes_are_those_of_the_normal_e
     top, rank, terms = rows.y.size, rows.coefficients.shape[1], own.terms.known
     design = rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]
     errors = np.where(rows.counted[:, np.newaxis], design, 0.0)
-    errors -= taken_out(rows) @ (taken_out(rows).T @ errors)
+    errors -= without_prior(rows) @ (without_prior(rows).T @ errors)
     values, vectors = np.linalg.eigh(np.eye(top) + errors @ errors.T)
     scale = np.repeat(np.exp(own.at[1 : 1 + len(rows.groups)]), [c.stop - c.start for c in block.columns])
     white = np.column_stack([rows.shared, own.terms.x, block.z * scale])
