@@ -15,7 +15,7 @@ from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinni
 
 
 def late_output() -> ModelProblem:
-    """An instrument that is late: the delay stands in the outputs."""
+    """An instrument that is late: the delay is in the outputs."""
     body = lagging_body()
     return replace(body, outputs=lambda x, u, theta, t, delayed: np.stack([delayed["delay"].x[0] + x[1], x[1]]))
 

@@ -27,23 +27,23 @@ def test_a_delay_started_a_tenth_of_a_second_off_comes_back(start: float, seed: 
 
 @pytest.mark.slow
 def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
-    """Profile: with the delay held to either side, the NLLF rises as its standard error says."""
+    """Profile: with the delay fixed to either side, the NLLF rises as its standard error says."""
     segment = BODY.simulate(800, seed=4)
     free = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), delays=("delay",), tolerance=1e-8)
     spread = free.std_error["delay"]
     for side in (-1.0, 1.0):
         aside = free.theta | {"delay": free.theta["delay"] + side * spread}
-        held = fit(
+        fixed = fit(
             BODY.dynamics, BODY.outputs, [segment], aside,
             delays=("delay",), bounds={"delay": (aside["delay"],) * 2}, noise=free.noise_variance,
         )  # fmt: skip
-        assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
+        assert fixed.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [-0.03, 0.05])
 def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
-    """The delay stands in the outputs only, and may be negative."""
+    """The delay is in the outputs only, and may be negative."""
     base = short_period()
 
     def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:

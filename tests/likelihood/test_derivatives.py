@@ -108,10 +108,10 @@ def test_weights_of_a_sampled_parameter_have_the_derivatives_of_parameters(metho
     def with_sampled(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([theta["k"] * x[0] * theta["drift"] ** 2, x[1] + theta["drift"]])
 
-    course = SampledParameter("drift", ("a", "b", "c"), shapes)
+    sampled = SampledParameter("drift", ("a", "b", "c"), shapes)
     names = tuple(theta)
     expected = jacobian(plain, Points(x, u, t), theta, names, method, {})
-    found = jacobian(with_sampled, Points(x, u, t, time_varying=(course,)), theta, names, method, {})
+    found = jacobian(with_sampled, Points(x, u, t, time_varying=(sampled,)), theta, names, method, {})
     np.testing.assert_allclose(found.value, expected.value, rtol=1e-14)
     np.testing.assert_allclose(found.by_state, expected.by_state, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.by_parameter, expected.by_parameter, rtol=1e-7, atol=1e-8)

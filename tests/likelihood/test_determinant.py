@@ -46,7 +46,7 @@ def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
 
 @pytest.mark.parametrize("hold", ["zero", "linear"])
 def test_it_is_that_of_the_outputs_covariance(hold: Hold) -> None:
-    """C = R + H D^-1 Q D^-T H', by dense algebra, the initial state held; a Kalman filter finds the same."""
+    """C = R + H D^-1 Q D^-T H', by dense algebra, the initial state fixed; a Kalman filter finds the same."""
     problem, iterate = place(hold, "complex")
     expected, squares = 0.0, 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
@@ -63,9 +63,9 @@ def test_it_is_that_of_the_outputs_covariance(hold: Hold) -> None:
         noise = noise[np.ix_(kept, kept)]
         whole = noise + (follow @ np.diag(drive.ravel()) @ follow.T)[np.ix_(kept, kept)]
         shift = np.concatenate([np.zeros((1, 2)), linear.defect]).ravel()
-        left = ((grid.y.T - linear.output).ravel() + follow @ shift)[kept]
+        residual = ((grid.y.T - linear.output).ravel() + follow @ shift)[kept]
         expected += 0.5 * (np.linalg.slogdet(whole)[1] - np.linalg.slogdet(noise)[1])
-        squares += 0.5 * float(left @ np.linalg.solve(whole, left)) + 0.5 * np.linalg.slogdet(whole)[1]
+        squares += 0.5 * float(residual @ np.linalg.solve(whole, residual)) + 0.5 * np.linalg.slogdet(whole)[1]
     assert determinant(problem, iterate) == pytest.approx(expected, rel=1e-9)
     innovations, nllf = kalman_innovations(problem, iterate)
     assert nllf == pytest.approx(squares, rel=1e-9)

@@ -34,9 +34,9 @@ def random_problem(seed: int, n: int, n_states: int, variance: float) -> Quadrat
     )
 
 
-def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, FloatArray]:
+def dense_matrix(problem: Quadratic, fixed: bool = False) -> tuple[FloatArray, FloatArray]:
     """K of the module's docstring and the right-hand side, states before multipliers, initial state free or
-    held.
+    fixed.
     """
     n, n_states = problem.defect.shape
     j, d = problem.by_state.toarray(), problem.defect_by_state.toarray()
@@ -44,7 +44,7 @@ def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, Fl
     q = problem.variance[1:].ravel()
     right = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2).reshape(j.shape[0], -1)
     c = np.concatenate([problem.defect[:, :, None], problem.defect_by_parameter], axis=2)
-    if held:
+    if fixed:
         d, q, c = (np.concatenate([first, d]), np.concatenate([np.zeros(n_states), q]), c.reshape(n * n_states, -1))
     else:
         c = c[1:].reshape((n - 1) * n_states, -1)
@@ -69,12 +69,12 @@ def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states:
 
 
 @pytest.mark.parametrize("variance", [0.0, 0.3])
-@pytest.mark.parametrize("held", [True, False])
-def test_the_factors_and_their_determinant_are_those_of_dense_algebra(variance: float, held: bool) -> None:
+@pytest.mark.parametrize("fixed", [True, False])
+def test_the_factors_and_their_determinant_are_those_of_dense_algebra(variance: float, fixed: bool) -> None:
     problem = random_problem(5, 8, 2, variance)
-    if held:
+    if fixed:
         problem = started(problem, 0.0)
-    matrix, right = dense_matrix(problem, held)
+    matrix, right = dense_matrix(problem, fixed)
     found = eliminate(problem)
     assert found is not None
     np.testing.assert_allclose(found.x.reshape(16, -1), np.linalg.solve(matrix, right)[:16], rtol=1e-9, atol=1e-11)
@@ -123,20 +123,20 @@ def started(problem: Quadratic, start: float) -> Quadratic:
 
 
 def delayed_problem(n: int, delay: float) -> Quadratic:
-    """Dynamics that look `delay` samples back through interpolation between six."""
+    """Dynamics of the state `delay` samples before, through interpolation between six."""
     problem = random_problem(3, n, 3, 0.0)
     rng = np.random.default_rng(4)
     at = np.arange(1, n) - delay
     index = np.clip(np.floor(at).astype(int) - 2, 0, n - 6)[:, None] + np.arange(6)
     weight = np.where(at[:, None] > 0, rng.standard_normal(6), 0.0)
-    seen = csr_array((weight.ravel(), index.ravel(), 6 * np.arange(n)), shape=(n - 1, n))
-    late = block_rows(0.05 * rng.standard_normal((n - 1, 1, 3, 3))) @ kron(seen, eye_array(3), format="csr")
+    past = csr_array((weight.ravel(), index.ravel(), 6 * np.arange(n)), shape=(n - 1, n))
+    late = block_rows(0.05 * rng.standard_normal((n - 1, 1, 3, 3))) @ kron(past, eye_array(3), format="csr")
     return replace(problem, defect_by_state=csr_array(problem.defect_by_state + late), delayed=True)
 
 
 def test_a_delay_is_eliminated_as_by_dense_algebra() -> None:
     problem = started(delayed_problem(60, 17.3), 0.0)
-    matrix, right = dense_matrix(problem, held=True)
+    matrix, right = dense_matrix(problem, fixed=True)
     found = eliminate(problem)
     assert found is not None
     states = found.x.reshape(180, -1)

@@ -78,7 +78,7 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     ],
 )
 def test_a_small_start_is_as_good_as_zero(problem: ModelProblem, samples: int, start: float) -> None:
-    """A force slope of 1e-3 makes the accelerometers ask for an angle of attack of many turns."""
+    """A force slope of 1e-3 makes the accelerometers imply an angle of attack of many turns."""
     segment = problem.simulate(samples, seed=5)
     result = fit(problem.dynamics, problem.outputs, [segment], dict.fromkeys(problem.truth, start))
     assert result.converged, result.message
@@ -203,9 +203,9 @@ def test_several_segments_share_parameters_and_keep_their_own() -> None:
 def test_a_fixed_parameter_stays_and_a_prior_pulls() -> None:
     segment = SHORT.simulate(300, seed=2)
     start = scaled(SHORT, 0.8) | {"M_q": SHORT.truth["M_q"]}
-    held = fit(SHORT.dynamics, SHORT.outputs, [segment], start, bounds={"M_q": (start["M_q"], start["M_q"])})
-    assert held.theta["M_q"] == SHORT.truth["M_q"]
-    assert "M_q" not in held.names
+    fixed = fit(SHORT.dynamics, SHORT.outputs, [segment], start, bounds={"M_q": (start["M_q"], start["M_q"])})
+    assert fixed.theta["M_q"] == SHORT.truth["M_q"]
+    assert "M_q" not in fixed.names
     free = fit(SHORT.dynamics, SHORT.outputs, [segment], start)
     spread = free.std_error["M_q"]
     mean = free.theta["M_q"] + 2 * spread
@@ -273,13 +273,13 @@ def test_noise_free_data_give_the_truth_and_a_remark_that_there_is_no_noise() ->
 
 
 def test_progress_is_reported_and_the_cost_history_kept() -> None:
-    seen: list[str] = []
+    reported: list[str] = []
     result = fit(
         SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 0.5),
-        progress=lambda fraction, text: seen.append(text),
+        progress=lambda fraction, text: reported.append(text),
     )  # fmt: skip
     assert [h.iteration for h in result.history] == list(range(1, result.iterations + 1))
-    assert [text.split(":")[0] for text in seen] == [f"iteration {h.iteration}" for h in result.history]
+    assert [text.split(":")[0] for text in reported] == [f"iteration {h.iteration}" for h in result.history]
     assert result.history[-1].cost == pytest.approx(result.nllf)
 
 
@@ -366,9 +366,9 @@ def test_a_start_that_fits_poorly_converges_where_zero_is_not_defined() -> None:
 
 
 def test_what_a_segment_ignores_is_not_differentiated_by() -> None:
-    """Two records with a bias each: as told apart by name as by `ignores`, with fewer evaluations."""
+    """Two records with a bias each: separated by name or by `ignores`, with fewer evaluations."""
     t = np.arange(0.0, 6.0, 0.05)
-    calls = {"plain": 0, "told": 0}
+    calls = {"plain": 0, "separated": 0}
 
     def run(kind: str) -> FitResult:
         def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
@@ -384,13 +384,13 @@ def test_what_a_segment_ignores_is_not_differentiated_by() -> None:
             u = np.stack([np.sin(t + number), np.full(t.size, float(number))])
             x = np.exp(-0.8 * t) * np.cumsum(np.exp(0.8 * t) * u[0]) * 0.05
             y = (x + bias + 0.01 * draws.standard_normal(t.size))[None]
-            other = frozenset({f"b{1 - number}"}) if kind == "told" else frozenset()
+            other = frozenset({f"b{1 - number}"}) if kind == "separated" else frozenset()
             segments.append(Segment(t, u, y, np.zeros(1), ignores=other))
         return fit(by_central_differences(dynamics), outputs, segments, {"k": 0.5, "b0": 0.0, "b1": 0.0})
 
-    plain, told = run("plain"), run("told")
-    assert told.converged
-    assert calls["told"] < calls["plain"]
+    plain, separated = run("plain"), run("separated")
+    assert separated.converged
+    assert calls["separated"] < calls["plain"]
     for name, value in plain.theta.items():
-        assert told.theta[name] == pytest.approx(value, abs=1e-6)
-        assert told.std_error[name] == pytest.approx(plain.std_error[name], rel=1e-6)
+        assert separated.theta[name] == pytest.approx(value, abs=1e-6)
+        assert separated.std_error[name] == pytest.approx(plain.std_error[name], rel=1e-6)

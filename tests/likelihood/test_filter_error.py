@@ -223,7 +223,7 @@ def test_measurement_noise_makes_up_for_what_the_fit_took_out() -> None:
 
 @pytest.mark.parametrize("seed", [2, 12])
 def test_nonlinear_motion_in_noise_converges(seed: int) -> None:
-    """Of steps this short the merit cannot tell whether they help: the determinant goes with the states too."""
+    """Of steps this short the merit does not show whether they help: the determinant goes with the states too."""
 
     def oscillator(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([x[1], theta["mu"] * (1 - x[0] ** 2) * x[1] - theta["k"] * x[0]])
@@ -243,7 +243,7 @@ def test_nonlinear_motion_in_noise_converges(seed: int) -> None:
 
 
 def test_errors_include_those_of_the_process_noise() -> None:
-    """With one variance unknown: its error times what the parameters move as it does, by fits with it held."""
+    """With one variance unknown: its error times what the parameters move as it does, by fits with it fixed."""
 
     def spring(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([x[1], theta["a"] * x[0] + theta["b"] * x[1] + u[0]])

@@ -70,8 +70,8 @@ def test_an_output_without_samples_has_a_remark(process_noise: list[float] | Non
     options: dict[str, Any] = {"process_noise": process_noise, "estimate_process_noise": process_noise is not None}
     start = {name: 0.9 * value for name, value in problem.truth.items()}
     result = fit(problem.dynamics, problem.outputs, [replace(record, y=alone)], start, **options)
-    told = [remark for remark in result.remarks if "outputs [1]" in remark]
-    assert len(told) == 1
-    assert "no samples" in told[0]
+    remarks = [remark for remark in result.remarks if "outputs [1]" in remark]
+    assert len(remarks) == 1
+    assert "no samples" in remarks[0]
     assert not np.isfinite(result.std_error["q_bias"])
     assert np.isfinite(result.std_error["M_alpha"])

@@ -16,7 +16,7 @@ def decay(x: Any, u: Any, theta: Any, t: Any) -> Any:
     return -theta["rate"] * x + theta["gain"]
 
 
-def seen(x: Any, u: Any, theta: Any, t: Any) -> Any:
+def measured(x: Any, u: Any, theta: Any, t: Any) -> Any:
     return x
 
 
@@ -28,18 +28,18 @@ def record(sigma: float, rate: float = 0.8, gain: float = 0.4) -> Segment:
 
 SEGMENT = record(0.02)
 START = {"rate": 0.5, "gain": 0.5}
-PLAIN = fit(decay, seen, [SEGMENT], START)
+PLAIN = fit(decay, measured, [SEGMENT], START)
 
 
 def test_the_report_says_what_a_reader_needs() -> None:
-    held = fit(
-        decay, seen, [SEGMENT], {"rate": 0.5, "gain": 0.4, "idle": 3.0}, bounds={"idle": (3.0, 3.0)}
+    fixed = fit(
+        decay, measured, [SEGMENT], {"rate": 0.5, "gain": 0.4, "idle": 3.0}, bounds={"idle": (3.0, 3.0)}
     )  # fmt: skip
-    text = held.report()
+    text = fixed.report()
     for part in ("[[Fit]]", "status", "converged", "[[Noise]]", "output 0", "[[Parameters]]", "(held)"):
         assert part in text
-    assert max(map(len, repr(held).splitlines())) < 200
-    assert "<table>" in held._repr_html_()
+    assert max(map(len, repr(fixed).splitlines())) < 200
+    assert "<table>" in fixed._repr_html_()
 
 
 def test_the_report_warns() -> None:

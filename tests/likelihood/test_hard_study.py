@@ -30,8 +30,8 @@ def test_the_wrong_hold_is_a_bias() -> None:
     problem = held_short_period()
     segment = problem.simulate(200, seed=0)
     cubic = Segment(segment.t, segment.u, segment.y, segment.x0)
-    told, untold = (fit(problem.dynamics, problem.outputs, [s], problem.truth) for s in (segment, cubic))
-    assert told.nllf < untold.nllf - 10.0
+    declared, undeclared = (fit(problem.dynamics, problem.outputs, [s], problem.truth) for s in (segment, cubic))
+    assert declared.nllf < undeclared.nllf - 10.0
 
 
 @pytest.mark.parametrize(

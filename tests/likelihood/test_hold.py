@@ -51,8 +51,8 @@ def errors(result: FitResult) -> FloatArray:
 @pytest.mark.parametrize("held", ["zero", "linear"])
 def test_the_right_hold_is_unbiased_and_a_cubic_is_not(held: Any) -> None:
     segment = record(held)
-    told = Segment(segment.t, segment.u, segment.y, segment.x0, hold=held)
-    right, wrong = (fit(dynamics, outputs, [s], dict.fromkeys(TRUTH, 1.0)) for s in (told, segment))
+    declared = Segment(segment.t, segment.u, segment.y, segment.x0, hold=held)
+    right, wrong = (fit(dynamics, outputs, [s], dict.fromkeys(TRUTH, 1.0)) for s in (declared, segment))
     assert right.converged, right.message
     assert np.abs(errors(right)).max() < 4.0
     assert right.nllf < wrong.nllf - 100.0

@@ -1,4 +1,4 @@
-"""The manual's pages on the two kernels: what they show runs, and what they claim of it holds."""
+"""The manual's pages on the two kernels: what they show runs, and what they claim of it is true."""
 
 from __future__ import annotations
 

@@ -128,8 +128,8 @@ def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
 def test_what_that_status_advises_solves_them() -> None:
     """The fastest state follows at once: one state, and all three outputs."""
     segment = robertson(np.append(0.0, np.geomspace(0.4, 4e6, 60)))
-    seen = np.where(np.asarray(segment.t) > 0.0, segment.y, np.nan)
-    slow = replace(segment, y=seen, x0=np.array([1.0]), x0_std=0.0)
+    measured = np.where(np.asarray(segment.t) > 0.0, segment.y, np.nan)
+    slow = replace(segment, y=measured, x0=np.array([1.0]), x0_std=0.0)
     result = fit(slow_reaction, followed, [slow], {name: 0.5 * value for name, value in TRUTH.items()})
     assert result.converged, result.message
     for name, value in TRUTH.items():

@@ -40,9 +40,9 @@ def test_covariance_and_near_null_directions() -> None:
     well = np.linalg.qr(rows[:, :2], mode="r")
     got = covariance_from_information(well, free[:2], np.array([0, 1]))
     np.testing.assert_allclose(got, np.linalg.inv(rows[:, :2].T @ rows[:, :2]), rtol=1e-9)
-    held = covariance_from_information(well, free[:2], np.array([0]))
-    assert held[0, 0] == pytest.approx(1.0 / (rows[:, 0] @ rows[:, 0]))
-    assert np.isnan(held[1]).all()
+    fixed = covariance_from_information(well, free[:2], np.array([0]))
+    assert fixed[0, 0] == pytest.approx(1.0 / (rows[:, 0] @ rows[:, 0]))
+    assert np.isnan(fixed[1]).all()
 
 
 def test_p_values_of_white_noise_are_uniform_and_colour_is_found() -> None:

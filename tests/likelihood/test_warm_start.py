@@ -12,7 +12,7 @@ from tests.studies.likelihood.problems import by_central_differences, spinning_b
 
 BODY = spinning_body()
 SEGMENT = BODY.simulate(400, seed=2)
-COARSE = 0.1  # standard errors: what `identify` asks
+COARSE = 0.1  # standard errors: what `identify` requires
 
 
 def fitted(tolerance: float = 1e-6) -> FitResult:
