@@ -1,4 +1,4 @@
-"""Flights that share their Mach numbers: whose time is what, and what courses are then."""
+"""Flights that share their Mach numbers: whose time is what, and time bases in it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def shared(seed: int = 0, sigma: float = 0.005) -> CommonTime:
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None)
 def test_common_time_is_that_of_the_reference_flight_at_the_same_mach_number(seed: int) -> None:
-    """Noise of 0.005 leaves some milliseconds where Mach number falls by 1 in a second."""
+    """Noise of 0.005 makes errors of some milliseconds where Mach number falls by 1 in a second."""
     found = shared(seed)
     first, other = found.flights
     assert first.common is first.time
@@ -208,10 +208,10 @@ def test_common_mach_numbers_do_not_depend_on_the_order_of_flights(order: tuple[
         (OTHER_TIME, noisy(mach(first_time(OTHER_TIME)), 4)),
         (OTHER_TIME, noisy(mach(first_time(OTHER_TIME) + 2.0), 5)),
     ]
-    told = [common_time([records[k] for k in places]) for places in ((0, 1, 2), order)]
-    assert all(isinstance(each, CommonTime) for each in told)
+    found = [common_time([records[k] for k in places]) for places in ((0, 1, 2), order)]
+    assert all(isinstance(each, CommonTime) for each in found)
     places = np.linspace(1.0, 9.0, 60)
-    first, again = ([each.mach(place) for place in places] for each in told if isinstance(each, CommonTime))
+    first, again = ([each.mach(place) for place in places] for each in found if isinstance(each, CommonTime))
     assert first == again
 
 
@@ -226,7 +226,7 @@ def test_of_flights_that_share_their_clocks_the_longest_record_is_the_reference(
 
 
 def test_one_flight_has_its_own_time() -> None:
-    """Nothing is told in another time than before there was a common one: the very arrays are the same."""
+    """Nothing is at another time than before there was a common one: the very arrays are the same."""
     frame = problem().frame
     assert frame.common is None
     assert frame.own_time(0) is None

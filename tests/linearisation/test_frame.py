@@ -1,4 +1,4 @@
-"""The in-plane moment C_mw that delayed flow leaves behind."""
+"""The in-plane moment C_mw that delayed flow lags behind."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def _at(motion: Motion, xi: ComplexArray) -> Motion:
 
 @pytest.mark.parametrize("name", TERMS)
 def test_a_change_of_the_crossflow_is_right_to_first_order(name: str) -> None:
-    """Half the change leaves a quarter of what is not of first order, or nothing."""
+    """Half the change has a quarter of what is not of first order, or nothing."""
     model, record = model_of(name)
     own = model.reconstruction.crossflow
     time = record.time / record.time[-1]

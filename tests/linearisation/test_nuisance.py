@@ -61,19 +61,19 @@ def test_an_added_nuisance_effect_is_as_if_it_had_been_there_from_the_start() ->
     assert set(found.frame.mechanisms) == set(expected.frame.mechanisms)
 
 
-def carried(found: Nuisances) -> dict[str, int]:
-    """Where the histories of record effects and of the vehicle's tolerances stand; motion and force are free.
+def nuisance_columns(found: Nuisances) -> dict[str, int]:
+    """Where the histories of record effects and of the vehicle's tolerances are placed; motion and force are free.
 
-    What smoothing leaves of an input's noise has shapes of that noise's own smoothness.
+    The residual noise of a smoothed input has shapes of that noise's own smoothness.
     """
     others = ("motion", "force", ROLL_RATE, PRESSURE)
     return {item.label: k for k, item in enumerate(found.items) if item.name not in others}
 
 
 def both(seed: int) -> Histories:
-    """The carried histories (rows, effects), by label."""
+    """The histories of nuisance effects (rows, effects), by label."""
     found = problem(seed).rows.nuisances
-    places = [place for _, place in sorted(carried(found).items())]
+    places = [place for _, place in sorted(nuisance_columns(found).items())]
     histories = found.histories(np.eye(len(found.items))[:, places])
     return Histories(histories.rates, histories.force)
 
@@ -81,7 +81,7 @@ def both(seed: int) -> Histories:
 @pytest.mark.thorough
 def test_every_seed_has_the_same_nuisance_effects_each_once() -> None:
     one, other = (problem(seed).rows.nuisances for seed in SEEDS)
-    assert set(carried(one)) == set(carried(other))
+    assert set(nuisance_columns(one)) == set(nuisance_columns(other))
     assert len({item.label for item in one.items}) == len(one.items)
 
 

@@ -74,10 +74,10 @@ UNITS = {
     "1/s": (("1/s", 1.0), ("1/ms", 1e3), ("1/min", 1.0 / 60.0)),
     "1": (("1", 1.0), ("percent", 0.01)),
 }
-TAKEN = ("knot", "start", "stop")
+RESERVED = ("knot", "start", "stop")
 NAMES = st.sampled_from(["tau", "x", "delay", "eps", "sticking", "none", "τ", "время", "a [b]", "C_m0", "theta"]) | (
     st.text(CHARACTERS, min_size=1, max_size=6).filter(
-        lambda text: text.isprintable() and text.strip() == text and text not in TAKEN and not set("./") & set(text)
+        lambda text: text.isprintable() and text.strip() == text and text not in RESERVED and not set("./") & set(text)
     )
 )
 
@@ -118,8 +118,8 @@ def numbers(fit: HypothesisFit) -> list[float]:
     delays = [delay for column in fit.selected for delay in column.delays]
     chance = [chances[name] for name in ("none", fit.name, OTHER)]
     values = [*fit.values, *np.sqrt(np.diag(fit.covariance)), *delays, *chance]
-    told = ("rss", "cp", "bic", "f_ratio", "prediction_error", "press", "r2")
-    return [*(getattr(criteria, name) for name in told), fit.information, *map(float, values)]
+    listed = ("rss", "cp", "bic", "f_ratio", "prediction_error", "press", "r2")
+    return [*(getattr(criteria, name) for name in listed), fit.information, *map(float, values)]
 
 
 @settings(max_examples=settings().max_examples // 7)  # a fit each

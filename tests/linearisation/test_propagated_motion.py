@@ -1,4 +1,4 @@
-"""A motion by its start and its walk: what a fit found too much of either is taken from it."""
+"""A motion by its start and its walk: what a fit found too much of either is subtracted."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_start_and_walk_make_the_crossflow_that_they_are_of(point):
 
 
 def test_a_motion_that_a_fit_led_to_is_linearised_about_as_it_is(point):
-    """The record as it reads: nothing more is taken out of it, and the motion is not smoothed anew."""
+    """The record as it reads: nothing more is subtracted from it, and the motion is not smoothed anew."""
     record, smooth = point
     fitted = replace(PropagatedMotion.of(record, smooth), walk=1e-3 * np.exp(3j * record.time) - 1e-3)
     again, moved = linearisation_point(smooth, USUAL, fitted)

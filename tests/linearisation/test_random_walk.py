@@ -32,11 +32,11 @@ def test_noise_of_the_gyros_makes_the_walk_of_its_unknown(order: int):
 def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
     problem = prepared(knot_count=3)
     rows = problem.rows
-    (own,), (loose,) = rows.of_flights, problem.untied().rows.of_flights
+    (own,), (untied,) = rows.of_flights, problem.untied().rows.of_flights
     lengths = np.linalg.norm(own.own_noise, axis=0)
     assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
     assert rows.nuisances.flights[0].walks.size == own.own_noise.shape[1] > 0
-    assert loose.own_noise.shape[1] == 0
+    assert untied.own_noise.shape[1] == 0
 
 
 @pytest.mark.thorough
@@ -44,10 +44,10 @@ def test_coefficients_with_the_measurement_model_are_known_better():
     """The same coefficients with a walk beside the noise are less certain."""
     problem = prepared(knot_count=3)
     frame, columns = problem.frame, problem.baseline
-    tied, loose = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
+    smoothed, untied = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
     place = [column.term for column in columns].index("C_malpha")
 
     def sigma(design: np.ndarray) -> float:
         return float(np.sqrt(np.linalg.pinv(design.T @ design)[place, place]))
 
-    assert sigma(tied) < sigma(loose)
+    assert sigma(smoothed) < sigma(untied)

@@ -14,13 +14,13 @@ from tests.comparison.pulse import fitted, problem
 @pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
 def test_a_knot_stays_within_the_record(place: float) -> None:
     """Beyond its ends nothing depends on where it is, and its error, with what goes along with it, is rounding."""
-    best, told = fitted("bodyfixed"), problem()
+    best, whole = fitted("bodyfixed"), problem()
     start, stop = float(best.frame.coefficient_time.min()), float(best.frame.coefficient_time.max())
     columns = tuple(
         column.at(column.theta, TimeBasis(column.time_basis.kind, start + place * (stop - start)))
         for column in best.selected
     )
-    for knot in nonlinear_parameters(columns, best.frame, told.knots):
+    for knot in nonlinear_parameters(columns, best.frame, whole.knots):
         assert start <= knot.bounds[0] <= knot.value <= knot.bounds[1] <= stop
         assert knot.bounds[0] < knot.bounds[1]
 

@@ -15,8 +15,8 @@ from brv_hypo.tracing.fit import Flights, correct
 from tests.flights import nominal
 
 
-@pytest.mark.parametrize("louder", [1.0, 30.0])
-def test_their_noise_is_what_the_filter_makes_of_the_gyros_noise(louder: float) -> None:
+@pytest.mark.parametrize("factor", [1.0, 30.0])
+def test_their_noise_is_what_the_filter_makes_of_the_gyros_noise(factor: float) -> None:
     """Whatever filter the reconstruction of the motion chose: that of the record makes them.
 
     40 draws of white noise; of the 2 % that their mean square scatters, four standard deviations are allowed.
@@ -25,8 +25,8 @@ def test_their_noise_is_what_the_filter_makes_of_the_gyros_noise(louder: float) 
     source = Flights((flight,), TraceConfig())
     data = correct(source, start_model(source))
     record = data.records[0]
-    spin = differentiate(record.spin_rate.signal, flight.step, louder * record.gyro_sigma, flight.segments)
-    assert (spin.half_width > record.spin_rate.half_width) == (louder > 1.0)
+    spin = differentiate(record.spin_rate.signal, flight.step, factor * record.gyro_sigma, flight.segments)
+    assert (spin.half_width > record.spin_rate.half_width) == (factor > 1.0)
     record = replace(record, spin_rate=spin)
     rng = np.random.default_rng(1)
     shape = (data.frame.observed.size, 40)

@@ -1,4 +1,4 @@
-"""Which moments a list of mechanisms leaves for something else: shapes, and rates at which one turns in the body."""
+"""Which moments a list of mechanisms has not, for something else: shapes, and rates at which one turns in the body."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
 
 
 def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
-    """Which body axes they stand along tells nothing; shapes are chosen one by one."""
+    """Along which body axes they are decides nothing; shapes are chosen one by one."""
     moment, motion = UnmodelledMoment(shapes=SHAPES), problem().frame.motions[0]
     choices: dict[object, list[str]] = {}
     for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
@@ -98,7 +98,7 @@ def test_rates_are_half_a_turn_apart_and_a_moment_at_rest_is_none_of_them() -> N
 
 
 def test_a_rate_at_which_a_listed_mechanism_does_the_same_is_left_out() -> None:
-    """A mechanism that turns at some rate itself leaves the others."""
+    """A mechanism that turns at some rate itself excludes that rate alone."""
     free = turning_moment(problem(), [], OUTSIDE, START, STOP)
     assert free is not None
     rate = free.rates[3]

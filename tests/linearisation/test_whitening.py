@@ -82,8 +82,8 @@ def test_what_acts_for_some_of_the_time_is_no_colour(frequency: float) -> None:
     acting = np.arange(1500) // 500 == 1
     noise = fit_noise([plain + acting * tone])
     assert noise.sigma == pytest.approx(fit_noise([plain]).sigma, rel=0.15)
-    left = noise.operator(1500) @ (plain + acting * tone)
-    assert np.mean(np.abs(left[acting]) ** 2) > 4.0 * np.mean(np.abs(left[~acting]) ** 2)
+    whitened = noise.operator(1500) @ (plain + acting * tone)
+    assert np.mean(np.abs(whitened[acting]) ** 2) > 4.0 * np.mean(np.abs(whitened[~acting]) ** 2)
 
 
 @pytest.mark.parametrize("feedback", [0.0, 0.6])
@@ -103,7 +103,7 @@ def test_pieces_shorter_than_a_stretch_are_used_as_they_are() -> None:
 @pytest.mark.parametrize("colour", [0.0, 0.5, 0.7, 0.9])
 @pytest.mark.parametrize("above", [0.3, 1.0])
 def test_level_at_the_motion_is_read_beyond_it(colour: float, above: float) -> None:
-    """A motion that is a hundred times as loud as the noise does not enter."""
+    """A motion that is a hundred times as large as the noise does not enter."""
     ratios = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
