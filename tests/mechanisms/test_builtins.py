@@ -103,7 +103,7 @@ class TestBodyFixed:
     @settings(max_examples=25)
     @given(size=st.floats(1e-3, 1e-2), phi_b=angles, correlation=st.floats(-0.8, 0.8))
     def test_phi_b_has_the_uncertainty_of_random_draws(self, size, phi_b, correlation):
-        """20,000 draws tell a standard deviation to 0.5 %; the rest of the 4 % is the linearisation."""
+        """20,000 draws give a standard deviation to 0.5 %; the rest of the 4 % is the linearisation."""
         sigma_cos, sigma_sin = 0.03 * size, 0.02 * size
         mixed = correlation * sigma_cos * sigma_sin
         covariance = np.array([[sigma_cos**2, mixed], [mixed, sigma_sin**2]])

@@ -117,7 +117,7 @@ class Unwrapping(Sound):
 
 
 class Unitless(Sound):
-    """Broken: a unit that nobody can read."""
+    """Broken: a unit that cannot be read."""
 
     def terms(self, motion, theta):
         """One term."""

@@ -388,9 +388,9 @@ def test_a_foreign_process_is_checked_and_so_is_its_copy(tmp_path):
         assert isinstance(process, MomentProcess)
         assert is_checked(process)
         assert len(process.terms(sample_motion(uniform_time()), {})) == 6
-        for ask in (process.shapes, lambda motion, process=process: process.terms(motion, {})):
+        for method in (process.shapes, lambda motion, process=process: process.terms(motion, {})):
             with pytest.raises(MechanismError, match=r"'four_lobes' of .*lobes.py.* breaks its contract"):
-                ask(sample_motion(uniform_time(800)))
+                method(sample_motion(uniform_time(800)))
     assert made.model_copy(update={"stop": 9.0}).stop == 9.0
 
 

@@ -31,12 +31,12 @@ def test_every_listed_mechanism_is_a_moment_mechanism():
 
 
 @pytest.mark.parametrize(
-    ("asked", "meant"), [("stiking", "sticking"), ("bodyfix", "bodyfixed"), ("dampning", "damping")]
+    ("unknown", "meant"), [("stiking", "sticking"), ("bodyfix", "bodyfixed"), ("dampning", "damping")]
 )
 @pytest.mark.parametrize("look_up", [find, find_installed])
-def test_an_unknown_name_is_refused_with_the_nearest(look_up, asked, meant):
-    with pytest.raises(UsageError, match=f"unknown mechanism '{asked}'; did you mean .*{meant}"):
-        look_up(asked)
+def test_an_unknown_name_is_refused_with_the_nearest(look_up, unknown, meant):
+    with pytest.raises(UsageError, match=f"unknown mechanism '{unknown}'; did you mean .*{meant}"):
+        look_up(unknown)
 
 
 def test_a_name_that_is_like_none_lists_what_is_installed():
