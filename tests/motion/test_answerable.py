@@ -49,11 +49,11 @@ def test_a_force_that_no_motion_explains_is_warned_of(names: str, factor: float)
     assert any("no motion by these gyros explains" in warning for warning in found.warnings) == bool(names)
 
 
-@pytest.mark.parametrize(("lost", "told"), [(0, False), (8, False), (120, True)])
-def test_a_gap_across_which_the_attitude_is_unknown_is_warned_of(lost: int, told: bool) -> None:
+@pytest.mark.parametrize(("lost", "warned"), [(0, False), (8, False), (120, True)])
+def test_a_gap_across_which_the_attitude_is_unknown_is_warned_of(lost: int, warned: bool) -> None:
     flight = nominal().flight
     gapped = replace(flight, segments=((0, 400), (400 + lost, flight.samples))) if lost else flight
     warnings = " ".join(reconstruct(gapped).warnings)
-    assert ("attitude across it is unknown" in warnings) == told
-    if told:
+    assert ("attitude across it is unknown" in warnings) == warned
+    if warned:
         assert f"from {flight.time[400]:.2f} s" in warnings

@@ -71,10 +71,10 @@ def test_the_density_is_found_where_pressure_is_lost_in_noise():
 def test_the_errors_are_sampled_parameters_of_their_flight():
     flight = nominal().flight
     inputs = smooth_inputs(reconstruct(flight))
-    courses = [input_error(error, 2) for error in inputs.errors]
-    assert [course.name for course in courses] == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
-    for course, error in zip(courses, inputs.errors, strict=True):
-        assert course.shapes(flight.time[:7]).shape == (len(course.weights), 7) == (error.count, 7)
+    sampled = [input_error(error, 2) for error in inputs.errors]
+    assert [each.name for each in sampled] == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
+    for each, error in zip(sampled, inputs.errors, strict=True):
+        assert each.shapes(flight.time[:7]).shape == (len(each.weights), 7) == (error.count, 7)
 
 
 @pytest.mark.parametrize("grows", [False, True])
@@ -88,14 +88,14 @@ def test_a_spline_follows_a_channel_whose_noise_grows_with_it(grows: bool) -> No
 
 
 def test_shapes_are_significant_as_far_as_the_rates_observe_them() -> None:
-    """Quiet gyros see finer errors of the pressure than ten shapes hold; gyros a hundred times as loud do not."""
+    """Quiet gyros observe finer errors of the pressure than ten shapes have; with 100 times the noise they do not."""
     reconstruction = reconstruct(nominal().flight)
     scale = 1e-2 * np.eye(67) / np.arange(1.0, 68.0)
     shares = np.ones(40)
     fine = significant_shapes(scale, shares, reconstruction).shape[1]
     assert 20 <= fine <= 40
-    loud = replace(reconstruction, gyro_sigma=100.0 * reconstruction.gyro_sigma)
-    assert significant_shapes(scale, shares, loud).shape[1] < fine
+    noisy = replace(reconstruction, gyro_sigma=100.0 * reconstruction.gyro_sigma)
+    assert significant_shapes(scale, shares, noisy).shape[1] < fine
 
 
 def test_an_input_that_is_not_smoothed_has_all_of_its_slow_noise() -> None:

@@ -66,7 +66,7 @@ def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> Non
 
 @pytest.mark.parametrize("vehicle", ["blunt_capsule", "research_cone"])
 def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(vehicle: str) -> None:
-    """Forces hardly tell of gravity along the path: it was estimated at zero, and sideways at any size."""
+    """Forces hardly show gravity along the path: it was estimated at zero, and sideways at any size."""
     flown = simulate(load_config(vehicle), seed=70001).flight
     found = reconstruct(flown)
     assert flown.altitude is not None

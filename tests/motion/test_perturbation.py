@@ -1,4 +1,4 @@
-"""Errors of a record that are taken out together, in whatever order and axes they are told."""
+"""Errors of a record that are corrected together, in any order and axes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_one_error_is_removed_by_its_effect_with_the_opposite_sign(effect: str) 
 
 @given(st.lists(st.floats(-20.0, 20.0), min_size=9, max_size=9), st.floats(-3.0, 3.0))
 def test_gyro_errors_of_many_tolerances_turn_with_the_axes(sigmas: list[float], angle: float) -> None:
-    # A matrix M of scales, rotations and shears is taken out as (1 - M) w, so in axes that are rolled by R as
+    # A matrix M of scales, rotations and shears is corrected as (1 - M) w, so in axes that are rolled by R as
     # (1 - R M R') R w. One error after the other would leave products of theirs, which are of no such matrix.
     matrix = 5e-4 * np.reshape(sigmas, (3, 3))
     turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(angle), np.sin(angle)], [0.0, -np.sin(angle), np.cos(angle)]])

@@ -99,5 +99,5 @@ def test_a_prior_counts_as_one_more_observation() -> None:
     solution = walk_equations([measurement], np.ones(n)).solve(np.array([prior]), np.array([[n / 0.1**2]]))
     assert solution.theta[0] == pytest.approx(0.5 * (np.mean(observed.real) + prior), rel=1e-9)
     assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(2 * n), rel=1e-6)
-    left = np.sum(np.abs(observed - solution.theta[0]) ** 2) / 0.1**2
-    assert solution.cost == pytest.approx(left + n * (solution.theta[0] - prior) ** 2 / 0.1**2, rel=1e-9)
+    residual = np.sum(np.abs(observed - solution.theta[0]) ** 2) / 0.1**2
+    assert solution.cost == pytest.approx(residual + n * (solution.theta[0] - prior) ** 2 / 0.1**2, rel=1e-9)

@@ -30,7 +30,7 @@ def cone(truths: dict[str, Truth]) -> Reconstruction:
 
 @pytest.fixture(scope="module")
 def scored(truths: dict[str, Truth]) -> Callable[[str], Score]:
-    """The score of a scenario as its own instruments see it, over all seeds."""
+    """The score of a scenario as its own instruments measure it, over all seeds."""
     return cache(lambda name: score(truths[name], SEEDS))
 
 
@@ -108,7 +108,7 @@ def test_biases_within_the_tolerances_are_borne_and_found(truths: dict[str, Trut
 @pytest.mark.slow
 def test_stated_sigmas_count_what_the_tolerances_allow() -> None:
     """Every error drawn at its tolerance, c.g. and axis of inertia too: stated sigmas neither claim more than the
-    record tells nor give it up.
+    record shows nor give it up.
 
     The error of one flight is that of a few unknowns, so that single flights scatter as |N(0, 1)| does.
     """

@@ -1,4 +1,4 @@
-"""The trial of the record: sound records stand, and a mistake of sign, axis or unit is named with its channel."""
+"""The data compatibility check: sound records pass, and a mistake of sign, axis or unit is named with its channel."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "channel", "fault"),
+    ("corrupt", "channel", "fault"),
     [
         *(
             pytest.param(lambda f, n=n: scaled(f, -1.0, n), n, "sign", marks=() if n == "q" else THOROUGH)
@@ -63,15 +63,15 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
         pytest.param(lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units", marks=THOROUGH),
     ],
 )
-def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
-    trial = try_record(spoil(flights["slender"]))[1]
+def test_a_mistake_is_named_with_its_channel(flights, corrupt, channel, fault):
+    trial = try_record(corrupt(flights["slender"]))[1]
     assert not trial.sound
     assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [(channel, fault, True)]
     assert "correct the map" in trial.faults[0].action
 
 
 @pytest.mark.parametrize(
-    ("spoil", "missing", "channel"),
+    ("factors", "missing", "channel"),
     [
         ({"velocity": 1.0 / FEET}, ("altitude",), "velocity"),
         ({"velocity": 1.0 / FEET}, ("dynamic_pressure",), "velocity"),
@@ -79,19 +79,19 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
         ({"dynamic_pressure": 1.0 / 47.88026}, ("altitude",), "dynamic_pressure"),
     ],
 )
-def test_air_data_that_follow_from_the_speed_are_no_witness_of_its_units(flights, spoil, missing, channel):
+def test_air_data_that_follow_from_the_speed_are_no_witness_of_its_units(flights, factors, missing, channel):
     """Without altitude the density follows from a wrong speed: the accelerometers were blamed for it."""
     record = unassemble(flights["cone"])
     left_out = {*missing, "density", "mach", "reynolds"}
-    channels = {name: spoil.get(name, 1.0) * each for name, each in record.channels.items() if name not in left_out}
+    channels = {name: factors.get(name, 1.0) * each for name, each in record.channels.items() if name not in left_out}
     trial = try_record(assemble(record.model_copy(update={"channels": channels, "notes": ()})))[1]
     assert channel in {one.channel for one in trial.faults if one.decisive}
     assert not any(one.channel in ("ax", "ax, ay, az") for one in trial.faults)
 
 
 def test_a_drag_of_no_body_names_the_units_of_pressure_that_would_make_it_usual(flights):
-    spoilt = scaled(flights["capsule"], 1.0 / 47.88026, "dynamic_pressure")
-    said = [one.action for one in try_record(spoilt)[1].faults if one.channel == "ax, dynamic_pressure"]
+    wrong = scaled(flights["capsule"], 1.0 / 47.88026, "dynamic_pressure")
+    said = [one.action for one in try_record(wrong)[1].faults if one.channel == "ax, dynamic_pressure"]
     assert len(said) == 1
     assert "it is usual if the pressure is in lbf/ft^2, tagged Pa" in said[0]
 
@@ -130,10 +130,10 @@ def test_a_spin_that_goes_with_the_crossflow_turns_no_unit():
 
 def test_isolated_spikes_never_decide(flights):
     rng, flight = np.random.default_rng(5), flights["cone"]
-    spoilt = {name: getattr(flight, name).copy() for name in ("p", "q", "r", "ax", "ay", "az")}
-    for values in spoilt.values():
+    wrong = {name: getattr(flight, name).copy() for name in ("p", "q", "r", "ax", "ay", "az")}
+    for values in wrong.values():
         values[rng.choice(flight.samples, flight.samples // 200, replace=False)] += 100.0 * np.std(values)
-    trial = try_record(replace(flight, **spoilt))[1]
+    trial = try_record(replace(flight, **wrong))[1]
     assert trial.faults
     assert not any(fault.decisive for fault in trial.faults)
 

@@ -21,7 +21,7 @@ def flown(truth: str, factor: float) -> tuple[Made, Reconstruction]:
 
 
 def test_instruments_are_late_against_the_gyros() -> None:
-    """All of them late by the same time are a motion that much later, which nothing tells: no unknown."""
+    """All of them late by the same time are a motion that much later, which nothing shows: no unknown."""
     _, found = flown("none", 0.0)
     assert {e.component for e in found.effects if e.effect == "time_skew"} == {"accelerometers", "air data"}
 
@@ -29,8 +29,8 @@ def test_instruments_are_late_against_the_gyros() -> None:
 @pytest.mark.parametrize("factor", [0.0, 1.0])
 def test_a_large_mechanism_is_not_mistaken_for_errors_of_the_record(factor: float) -> None:
     made, found = flown("lag", factor)
-    asked = sum((each.value / each.size) ** 2 for each in found.effects)
-    assert asked < 3.0 * len(found.effects)
+    squares = sum((each.value / each.size) ** 2 for each in found.effects)
+    assert squares < 3.0 * len(found.effects)
     assert np.sqrt(np.mean((found.motion.alpha - made.true.alpha) ** 2)) < np.radians(0.2)
 
 

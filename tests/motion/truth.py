@@ -93,7 +93,7 @@ def fly(scenario: Scenario) -> Truth:
     along = velocity / scenario.speed
     side = np.array([0.0, 1.0, 0.0])
     up = np.cross(side, along)
-    # The nose stands off the velocity by alpha; the transverse rate precesses it about the velocity.
+    # The nose is off the velocity by alpha; the transverse rate precesses it about the velocity.
     nose = np.cos(scenario.alpha) * along + np.sin(scenario.alpha) * (0.6 * side + 0.8 * up)
     body_y = np.cross(up, nose)
     body_y /= np.linalg.norm(body_y)
@@ -148,7 +148,7 @@ def _inertia(s: Scenario) -> np.ndarray:
 
 
 def _cross(a: Sequence[float] | np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of two vectors alone: `np.cross` takes ten times as long, and is asked for 30 000 times a flight."""
+    """Of two vectors alone: `np.cross` takes ten times as long, and is called 30 000 times a flight."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
