@@ -1,4 +1,4 @@
-"""The model follows the gyros' noise through the attitude: what that leaves of it in residual moments."""
+"""The model follows the gyros' noise through the attitude: what is then in residual moments."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def test_a_model_that_follows_the_noise_has_less_of_it_in_its_residual(
     noise = np.random.default_rng(3).standard_normal((200, record.time.size))
     walk = step * np.cumsum(fast(noise), axis=1)
     followed = noise + cumulative_trapezoid(frequency**2 * walk, dx=step, initial=0, axis=1)
-    measured, left = (
+    measured, residual = (
         derivatives(each, spin.order, spin.half_width, step)[:, spin.interior] for each in (noise, followed)
     )
-    told = noise_share(record, np.full(1, -(frequency**2)), MODES)
-    assert told < 0.98
-    assert np.mean(left**2) / np.mean(measured**2) == pytest.approx(told[0], abs=0.01)
+    stated = noise_share(record, np.full(1, -(frequency**2)), MODES)
+    assert stated < 0.98
+    assert np.mean(residual**2) / np.mean(measured**2) == pytest.approx(stated[0], abs=0.01)
 
 
 def test_with_a_moment_that_does_not_restore_all_noise_is_residual(record: InertialRecord) -> None:
@@ -80,15 +80,15 @@ def noise_in_moments(flight: Flight, noise: ComplexArray) -> float:
 
 @pytest.mark.slow
 def test_the_residual_of_a_known_model_is_the_noise_in_the_band(exact: SavedModel) -> None:
-    """Of the noise that there is: how loud it came out on a few seconds is no part of it."""
+    """Of the noise in the record: its size over a few seconds is no part of it."""
     config = trimmed_cone(TRIM)
     quiet = simulate(config.model_copy(update={"instruments": InstrumentsConfig()}), seed=0).flight
-    left, told = [], []
+    residual, stated = [], []
     for seed in range(FLIGHTS):
         flight = simulate(config, seed=40 + seed).flight
         there = noise_in_moments(flight, flight.q - quiet.q + 1j * (flight.r - quiet.r))
         found = predict(flight, exact, ("trim", "instruments"))
-        left.append(found.error.frozen / there)
-        told.append(np.mean(np.square(found.band.half_width)) / BAND_SIGMAS**2 / found.error.noise)
-    assert np.mean(told) < 0.95
-    assert np.mean(left) == pytest.approx(np.mean(told), abs=0.03)
+        residual.append(found.error.frozen / there)
+        stated.append(np.mean(np.square(found.band.half_width)) / BAND_SIGMAS**2 / found.error.noise)
+    assert np.mean(stated) < 0.95
+    assert np.mean(residual) == pytest.approx(np.mean(stated), abs=0.03)

@@ -1,4 +1,4 @@
-"""What a model leaves on held-out stretches: measured where it was found, in the band of what it predicts elsewhere."""
+"""A model's residual on held-out stretches: measured where it was found, in the band of what it predicts elsewhere."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_residual_of_noise_alone_makes_little_model_error(data: Corrected) -> 
 
 
 def test_noise_alone_seldom_makes_a_model_error_on_any_stretch(data: Corrected) -> None:
-    """Of many stretches, some leave more than all but one in twenty would."""
+    """Of many stretches, some have a larger residual than all but one in twenty would."""
     found = [
         model_error(data, with_residual(data, 0.0, seed), with_residual(data, 0.0, seed)).own for seed in range(100)
     ]

@@ -55,7 +55,7 @@ def predicted(traced: Trace, sister: Flight) -> Prediction:
 
 
 @pytest.fixture(scope="module")
-def held(traced: Trace, sister: Flight) -> Prediction:
+def not_refitted(traced: Trace, sister: Flight) -> Prediction:
     """Nothing refitted."""
     return predict(sister, traced.model.definition)
 
@@ -105,7 +105,7 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
 def test_coefficients_that_differ_together_are_named_together(
     traced: Trace, by: dict[str, float], named: set[str]
 ) -> None:
-    """The one whose release helped most stood for both: C_malpha3 for slope and offset."""
+    """The one whose release helped most replaced both: C_malpha3 for slope and offset."""
     config = another_flight(trimmed_cone(TRIM), 4)
     own = config.aerodynamics
     other = own.model_copy(update={name: getattr(own, name) + value for name, value in by.items()})
@@ -118,7 +118,7 @@ def test_coefficients_that_differ_together_are_named_together(
         assert f"{each.term} is {each.frozen:.4g}" in found.reason
 
 
-def test_what_cannot_be_distinguished_is_an_alternative(held: Prediction) -> None:
+def test_what_cannot_be_distinguished_is_an_alternative(not_refitted: Prediction) -> None:
     """Two coefficients that err together: either alone may be what differs."""
     covariance = np.array([[1.0, -0.999, 0.0], [-0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
     own: Any = SimpleNamespace(
@@ -128,7 +128,7 @@ def test_what_cannot_be_distinguished_is_an_alternative(held: Prediction) -> Non
     terms: Any = [SimpleNamespace(name=name, mechanism=BASELINE, units="1/rad") for name in names]
     (found,) = find_differences(own, terms, np.zeros(3), covariance)
     assert (found.term, found.alternatives) == ("C_malpha", ("C_malpha3",))
-    said = reason(held.model_copy(update={"difference": found, "further_differences": ()}), 0.99, 0.1, 0.1, "")
+    said = reason(not_refitted.model_copy(update={"difference": found, "further_differences": ()}), 0.99, 0.1, 0.1, "")
     assert "its static moment is another: C_malpha is" in said
     assert "(or C_malpha3 in its place: this flight does not distinguish them)" in said
 
@@ -195,7 +195,7 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
 
 @pytest.mark.thorough
 def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> None:
-    """With coefficients from beside them and without them, it left 400 times what one fitted here does."""
+    """With coefficients from beside them and without them, its residual was 400 times that of one fitted here."""
     flight = simulate("research_cone", **WITH_MAGNUS).flight
     content = magnus_found().model.definition
     found, without = (predict(flight, each) for each in (content, content.model_copy(update={"errors": ()})))
@@ -222,11 +222,11 @@ def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, s
     assert "C_malpha3" not in {term.name for term in found.frozen}
 
 
-def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
-    assert held.refitted == ()
+def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, not_refitted: Prediction) -> None:
+    assert not_refitted.refitted == ()
     known = {(each.term, each.value): each.std_error for each in traced.model.definition.columns}
-    assert {(term.name, term.value): term.std_error for term in held.frozen} == pytest.approx(known)
-    assert held.error.frozen > predicted.error.frozen
+    assert {(term.name, term.value): term.std_error for term in not_refitted.frozen} == pytest.approx(known)
+    assert not_refitted.error.frozen > predicted.error.frozen
 
 
 def test_a_window_too_short_to_be_traced_is_predicted(traced: Trace, sister: Flight) -> None:
@@ -341,30 +341,30 @@ def test_a_model_that_does_not_hold_is_reported_with_what_may_help(
 
 
 def test_errors_of_the_other_flight_itself_are_reported_with_the_remedy(
-    predicted: Prediction, held: Prediction
+    predicted: Prediction, not_refitted: Prediction
 ) -> None:
-    """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
-    assert held.error.frozen > 2.0 * predicted.error.frozen
-    assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
+    """Its trim is fixed unless `--refit` names it: the sister's own would explain nearly all."""
+    assert not_refitted.error.frozen > 2.0 * predicted.error.frozen
+    assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in not_refitted.reason
     changed = LocalChange(term="C_mq", units="1/rad", start_s=1.0, stop_s=2.0, mach=None, value=1.0, std_error=0.1,
                           f_ratio=100.0, p_value=0.0)  # fmt: skip
-    other = held.difference.model_copy(update={"term": "C_mq", "mechanism": BASELINE})
+    other = not_refitted.difference.model_copy(update={"term": "C_mq", "mechanism": BASELINE})
     for update in ({"local_change": changed}, {"difference": other}):  # what no trim undoes
-        said = reason(held.model_copy(update=update), 0.99, 0.7, 0.0, "trim,instruments")
+        said = reason(not_refitted.model_copy(update=update), 0.99, 0.7, 0.0, "trim,instruments")
         assert "`--refit trim,instruments` lets this flight have its own." in said
 
 
 @pytest.mark.shared
 @pytest.mark.slow
 def test_on_a_measured_record_a_frozen_model_far_off_is_reported_with_the_remedy() -> None:
-    """Found on the first two fifths of the entry, asked of all of it: half of it holds everywhere."""
+    """Found on the first two fifths of the entry, applied to all of it: half of it holds everywhere."""
     entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     settings = TraceConfig(effects=("trim",), discover=False, max_steps=1)
     model = trace(entry.window(None, 0.6 * entry.time[0] + 0.4 * entry.time[-1]), settings).model.definition
-    held, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
-    assert held.ratio > 1.0
-    assert fitted.error.frozen < 0.5 * held.error.frozen
-    assert "`--refit instruments` lets this flight have its own" in held.reason
+    not_refitted, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
+    assert not_refitted.ratio > 1.0
+    assert fitted.error.frozen < 0.5 * not_refitted.error.frozen
+    assert "`--refit instruments` lets this flight have its own" in not_refitted.reason
     assert "--refit" not in fitted.reason
 
 
@@ -398,8 +398,8 @@ def test_the_page_draws_the_band(predicted: Prediction) -> None:
 
 
 @pytest.mark.thorough
-def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, held: Prediction) -> None:
-    assert held.record.sound
+def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, not_refitted: Prediction) -> None:
+    assert not_refitted.record.sound
     turned = predict(replace(sister, q=-sister.q), traced.model.definition)
     assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
     document = prediction_document(turned)
