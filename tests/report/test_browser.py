@@ -99,9 +99,9 @@ def shown(tmp_path):
         file = tmp_path / "page.html"
         file.write_text(html.replace("<head>", f"<head>{WATCH}", 1))
         profile = f"--user-data-dir={tmp_path / 'profile'}"
-        look = (f"--window-size={width},900", f"--blink-settings=preferredColorScheme={SCHEMES[scheme][0]}")
+        options = (f"--window-size={width},900", f"--blink-settings=preferredColorScheme={SCHEMES[scheme][0]}")
         done = subprocess.run(
-            [BROWSER, *FLAGS, profile, *look, "--dump-dom", file.as_uri()],
+            [BROWSER, *FLAGS, profile, *options, "--dump-dom", file.as_uri()],
             capture_output=True,
             text=True,
             check=True,

@@ -151,18 +151,18 @@ def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
 
 
 def test_the_overview_has_the_moment_without_the_rest_and_the_leaders_fit(planted, planted_charts) -> None:
-    """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
-    left, made, summed = (np.array(each) for each in planted.series[0].alone)
-    time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
+    """Both differ by noise, and where the leader does not act both are zero; its onset and end are marked."""
+    measured, made, summed = (np.array(each) for each in planted.series[0].alone)
+    time, known = np.array(planted.series[0].time_s), np.isfinite(measured[0])
     marks = {mark.name: mark.at for mark in planted_charts["overview"].marks if mark.name}
     assert set(marks) <= {"onset", "end"}
     before, after = known & (time < marks["onset"] - 0.1), known & (time > marks["onset"] + 0.1)
     size = np.sqrt(np.mean(made[1, after] ** 2))
     for some in (before, after):
-        assert np.sqrt(np.mean((left - made)[1, some] ** 2)) < 0.2 * size
-    assert np.sqrt(np.mean(left[1, before] ** 2)) < 0.2 * size
+        assert np.sqrt(np.mean((measured - made)[1, some] ** 2)) < 0.2 * size
+    assert np.sqrt(np.mean(measured[1, before] ** 2)) < 0.2 * size
     dots, whole, line = planted_charts["overview"].panels[1].layers[1:]
-    np.testing.assert_allclose(dots.y, 1e3 * left[1])
+    np.testing.assert_allclose(dots.y, 1e3 * measured[1])
     np.testing.assert_allclose(line.y, 1e3 * made[1])
     np.testing.assert_allclose(whole.y, 1e3 * summed[1])
     assert np.nanmax(np.abs(summed - made)) < 0.2 * size  # no process is large here

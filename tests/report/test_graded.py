@@ -395,7 +395,7 @@ def test_a_flight_that_does_not_reach_an_event_is_said() -> None:
 
 
 def test_every_flight_has_its_own_times_of_what_changes() -> None:
-    """No time of a flight that nobody chose: Mach numbers, and a column of times for each flight."""
+    """No time of one flight: Mach numbers, and a column of times for each flight."""
     comparison = graded()
     knots = [Knot(time_s=at, mach=24.0 - at, flights_s=(at + 5.0, own)) for at, own in ((1.0, 2.0), (2.0, None))]
     late = DerivedEstimate(name="damping knot", value=2.0, std_error=0.2, units="s")
@@ -428,7 +428,7 @@ def test_a_delay_in_a_table_has_its_error() -> None:
 
 
 def test_what_describes_and_is_no_cause_is_in_the_heading_as_that() -> None:
-    """The heading does not name what the first sentence takes back; far larger errors are no numbers."""
+    """The heading does not name what the first sentence withdraws; far larger errors are no numbers."""
     comparison = graded("damping")
     row = comparison.ranking[0].model_copy(update={"prediction_ratio": 520.0})
     verdict = with_prediction_error(comparison.verdict, 520.0)

@@ -1,4 +1,4 @@
-"""What makes charts and pages readable: nothing hides a name, and nothing drawn flattens what it stands beside."""
+"""What makes charts and pages readable: nothing hides a name, and nothing drawn flattens what is beside it."""
 
 from __future__ import annotations
 
@@ -85,13 +85,13 @@ def test_every_hypothesis_has_its_own_knots_marked() -> None:
     rows = {row.mechanism: row for row in comparison.ranking}
     flight = comparison.flights[0]
     charts = [c for c in comparison_document(comparison).charts if c.name.startswith("coefficients-") and c.over_time]
-    seen = 0
+    checked = 0
     for chart in charts:
         row = rows.get(chart.name.removeprefix("coefficients-"))
         if row is not None:
-            seen += 1
+            checked += 1
             assert [mark.at for mark in chart.marks] == knots_of(row.terms, flight.start_s, flight.stop_s)
-    assert seen >= 1
+    assert checked >= 1
 
 
 def test_dashed_lines_without_a_name_are_in_the_legend() -> None:
@@ -116,9 +116,9 @@ def test_terms_are_counted_in_whole_numbers() -> None:
 
 
 def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> None:
-    loud, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
+    large, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
     models = [Drawn("model", (WAVE, WAVE), "first")]
-    for drawn in (moment_chart(SETTING, TIME, loud, models, (WAVE, WAVE)), moment_chart(SETTING, TIME, loud, models)):
+    for drawn in (moment_chart(SETTING, TIME, large, models, (WAVE, WAVE)), moment_chart(SETTING, TIME, large, models)):
         for panel in drawn.panels:
             low, high = panel.range
             assert low < -1.0 < 1.0 < high  # thousandths: all of the moments

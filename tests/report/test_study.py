@@ -1,4 +1,4 @@
-"""The document of a study: terminal and page hold the same, with its charts."""
+"""The document of a study: terminal and page have the same, with its charts."""
 
 from __future__ import annotations
 
