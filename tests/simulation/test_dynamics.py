@@ -162,7 +162,7 @@ def test_step_halving_shows_fourth_order(plant: str) -> None:
         trajectory = fly(config.model_copy(update={"step": step}))
         states.append(trajectory.states[trajectory.samples, RATES, 0])
     coarse, fine = np.max(np.abs(states[0] - states[1])), np.max(np.abs(states[1] - states[2]))
-    assert fine > 1e-10  # above rounding, else the ratio tells nothing
+    assert fine > 1e-10  # above rounding, else the ratio means nothing
     assert np.log2(coarse / fine) == pytest.approx(4.0, abs=0.15)
 
 

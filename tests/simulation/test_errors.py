@@ -1,4 +1,4 @@
-"""Errors drawn from the tolerances; the wind that an effect leaves unaccounted for; what the record says of both."""
+"""Errors drawn from the tolerances; the wind that an effect does not account for; what the record says of both."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.truth import load_truth
 
 SHORT = {"duration": 0.5, "sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
 CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | SHORT
-CARRIED = {effect.name: effect for effect in record_effects() if effect.carried}
+NUISANCES = {effect.name: effect for effect in record_effects() if effect.carried}
 SEEDS = range(150)
 
 
@@ -36,9 +36,9 @@ def test_every_nuisance_effect_and_tolerance_is_drawn_from_its_size() -> None:
     config = load_config({**CONE, "instruments": {"grade": "industrial", "draw": 2.0}})
     flights = [drawn(config, seed) for seed in SEEDS]
     assert flights[0].instruments.draw == 0.0
-    assert set(flights[0].instruments.errors) == set(CARRIED)
+    assert set(flights[0].instruments.errors) == set(NUISANCES)
     record, _, _ = start_of(config)
-    for name, effect in CARRIED.items():
+    for name, effect in NUISANCES.items():
         for component in effect.components(record):
             values = [f.instruments.errors[name][component.name] for f in flights]
             _check_spread(values, 2.0 * component.size)
@@ -137,14 +137,14 @@ def test_what_cannot_be_a_tolerance_is_refused(instruments: dict[str, Any], mess
 
 @pytest.mark.parametrize("component", ["y 1", pytest.param("z 2", marks=pytest.mark.thorough)])
 def test_the_air_moves_as_the_wind_effect_says(component: str) -> None:
-    """Told of the wind by the effect with the opposite sign, the reconstruction finds the true alpha again."""
+    """With the wind corrected by the effect with the opposite sign, the reconstruction finds the true alpha again."""
     noise = load_config("research_cone").model_dump()["instruments"]
     flown = fly(noise | {"errors": {"wind": {component: 60.0}}}, duration=2.0)
-    wind: RecordEffect = CARRIED["wind"]
-    told = wind.perturb(flown.flight, component, -60.0)
+    wind: RecordEffect = NUISANCES["wind"]
+    corrected = wind.perturb(flown.flight, component, -60.0)
     off = [
         float(np.sqrt(np.mean((reconstruct(record).motion.alpha - flown.truth.alpha) ** 2)))
-        for record in (flown.flight, told)
+        for record in (flown.flight, corrected)
     ]
     assert off[1] < 0.2 * off[0]
 

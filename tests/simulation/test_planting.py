@@ -50,7 +50,7 @@ def nominal() -> Motion:
 
 
 def true_motion(config: SimulationConfig) -> Motion:
-    """The motion that was flown, as a record would hold it."""
+    """The motion that was flown, as a record would have it."""
     equations = system(config)
     trajectory = flown(equations)
     states = np.moveaxis(trajectory.states, 1, 0)

@@ -32,10 +32,10 @@ def test_a_seed_is_not_negative() -> None:
 
 
 def test_progress_runs_from_start_to_end() -> None:
-    seen: list[float] = []
-    simulate(CONE, seed=1, progress=lambda fraction, text: seen.append(fraction))
-    assert seen == sorted(seen)
-    assert seen[0] < 0.05 < 0.6 < seen[-1] <= 1.0
+    reported: list[float] = []
+    simulate(CONE, seed=1, progress=lambda fraction, text: reported.append(fraction))
+    assert reported == sorted(reported)
+    assert reported[0] < 0.05 < 0.6 < reported[-1] <= 1.0
 
 
 @pytest.mark.parametrize(
