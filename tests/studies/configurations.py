@@ -3,7 +3,7 @@
     python -m tests.studies.configurations --seeds 5 [--first 1000] [--config configs/demo.yaml ...]
 
 Each flight is simulated, with nothing planted or one of what its configuration can plant, and compared in a process of
-its own, likelihood included; the median and the worst of them are told, by configuration.
+its own, likelihood included; the median and the worst of them are printed, by configuration.
 """
 
 from __future__ import annotations
@@ -82,15 +82,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=5, help="flights of each configuration")
     parser.add_argument("--first", type=int, default=1000, help="seed of the first")
     parser.add_argument("--config", nargs="+", default=list(config_names()), help="file or name; all by default")
-    asked = parser.parse_args(arguments)
+    given = parser.parse_args(arguments)
     print(
         f"{'configuration':24} {'flights':>7} {'CPU, s':>8} {'most':>8} {'at seed':>8} {'MB':>6} {'at seed':>8}"
         "  outcomes"
     )
     compare([_flown("demo", 0)], COMPARED)  # what is loaded and compiled once is in no flight's time
     kept = True
-    for config in asked.config:
-        costs = [cost(config, seed) for seed in range(asked.first, asked.first + asked.seeds)]
+    for config in given.config:
+        costs = [cost(config, seed) for seed in range(given.first, given.first + given.seeds)]
         slowest, largest = max(costs, key=lambda each: each.seconds), max(costs, key=lambda each: each.megabytes)
         outcomes = ", ".join(sorted({each.outcome for each in costs}))
         middle = np.median([each.seconds for each in costs])

@@ -20,7 +20,7 @@ SEED = 1
 
 
 def terminal_picture(*printed: RenderableType, title: str, width: int = WIDTH) -> str:
-    """What a terminal would show, as SVG that asks the network for no font."""
+    """What a terminal would show, as SVG that loads no font from the network."""
     console = Console(record=True, width=width, file=io.StringIO(), highlight=False, markup=False, force_terminal=True)
     for part in printed:
         console.print(part)

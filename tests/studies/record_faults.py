@@ -76,7 +76,7 @@ def _faults_of(record: Record) -> Sequence[RecordFault]:
 
 
 def shows(record: Record, channels: Sequence[str]) -> bool:
-    """Whether the signal of each channel stands out of its noise and of an industrial bias."""
+    """Whether the signal of each channel exceeds its noise and an industrial bias."""
     bias = {"p": 0.0035, "q": 0.0035, "r": 0.0035, "ax": 0.05, "ay": 0.05, "az": 0.05}
     return all(
         float(np.std(record.channels[name]) + (name == "p") * abs(np.mean(record.channels[name])))

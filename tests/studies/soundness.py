@@ -1,7 +1,7 @@
 """How often what comes in is right, said to be unsure, or named as wrong: `python -m tests.studies.soundness`.
 
 Rockets of tests.importing.rockets lean by 1 to 15 deg (of the speeds: 1 to 30), rest for 0.3 to 3 s and spin. Guesses:
-the unit's axes are exchanged and reversed at random and turned by up to 5 deg, names lack units, or lie. Mistakes: one
+the unit's axes are swapped and reversed at random and turned by up to 5 deg, names lack units, or lie. Mistakes: one
 wrong unit, sign, axis or mounting in the whole log, and in its coast. Coasts: altitudes in wrong units where nothing
 else says the speed. Speeds: share of samples within 1.96 sigma.
 """

@@ -1,4 +1,4 @@
-"""The study of what comparisons cost tells the worst of each configuration."""
+"""The study of what comparisons cost prints the worst of each configuration."""
 
 from __future__ import annotations
 

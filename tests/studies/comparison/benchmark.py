@@ -50,7 +50,7 @@ COLUMNS = ("trial", "reconstruct", "prepare", "search", "relinearise", "judge", 
 
 
 class _Stages:
-    """Processor seconds by stage; to be told what `compare` says."""
+    """Processor seconds by stage, as a callback for the progress of `compare`."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(COLUMNS, 0.0)
@@ -69,10 +69,10 @@ def stages(flight: Flight, config: CompareConfig, repeats: int) -> dict[str, flo
     """Processor seconds of each stage: those of the quickest of `repeats` runs, after one that is not counted."""
     runs = []
     for _ in range(repeats + 1):
-        told = _Stages()
-        compare([flight], config, progress=told)
-        told(None, "")
-        runs.append(told.seconds)
+        timed = _Stages()
+        compare([flight], config, progress=timed)
+        timed(None, "")
+        runs.append(timed.seconds)
     return min(runs[1:], key=lambda seconds: seconds["whole"])
 
 

@@ -1,6 +1,6 @@
 """Study of the estimates on simulated flights: `python -m tests.studies.identification.study --help`.
 
-For each mechanism: how often the 95 % intervals hold the truth, scatter of the estimates over their standard
+For each mechanism: how often the 95 % intervals contain the truth, scatter of the estimates over their standard
 errors, error of maximum likelihood over that of the regression, and seconds of a fit. Options draw the errors of
 record, vehicle and air within the tolerances of the record, plant one, or colour the noise.
 """
@@ -109,7 +109,7 @@ def with_tolerated_moments(
 
 
 def with_record_errors(flight: Flight, draws: np.random.Generator, tolerances: float) -> Flight:
-    """The flight with every carried record effect drawn at so many times its tolerance."""
+    """The flight with every nuisance effect of the record drawn at so many times its tolerance."""
     if tolerances == 0.0:
         return flight
     for effect in record_effects():
@@ -267,7 +267,7 @@ def _report(case: str, planned: Iterator[tuple[SimulatedFlight, Flight]], delay_
             continue
         converged += 1
         for name, (error, estimate) in errors(work, found).items():
-            if not np.isfinite(estimate.std_error):  # a knot that was held: no interval is reported
+            if not np.isfinite(estimate.std_error):  # a knot that was fixed: no interval is reported
                 continue
             scaled.setdefault(name, []).append(error / estimate.std_error)
             plain.setdefault(name, []).append(error)

@@ -1,4 +1,4 @@
-"""Validation by another mind: flights, and what could be known from them, without the program's models.
+"""Independent validation: flights, and what could be known from them, without the program's models.
 
 - air.py, vehicles.py: standard atmosphere, slow wind, four vehicles and their start
 - dynamics.py: six degrees of freedom with a history for delays
@@ -8,9 +8,9 @@
 - oracle.py: `judge`, the detection limit and 2 ln L of truth over its rivals
 - study.py: a command that counts how often `compare` is right
 - effects.py, loop_study.py: every effect that `trace` tries, planted, and how often it is right
-- descriptions.py: what is said of effects that no plugin has, and what that does on a sister flight
+- descriptions.py: what is reported of effects that no plugin has, and what that does on a sister flight
 - reporting.py: how studies by hand print what they find
-- sisters.py, two_flights.py: what a model predicts of another vehicle, what two flights tell that one cannot
+- sisters.py, two_flights.py: what a model predicts of another vehicle, what two flights show that one cannot
 
 Written from the conventions and the record's format alone.
 """

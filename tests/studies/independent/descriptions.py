@@ -4,7 +4,7 @@ By hand: python -m tests.studies.independent.descriptions --seed 1000 --flights 
 
 Flight k has seed SEED + k, and the effects take turns: a moment that turns in the body, a third harmonic of the
 windward meridian, a step of the stiffness at a Mach number, each at 3 to 10 times its limit in the record. What step 1
-says of it is asked of a sister with the same effect (`sisters`), as the one effect that is tried there. At its speed
+finds is tested on a sister with the same effect (`sisters`), as the one effect that is tried there. At its speed
 the sister may show less of it, or never pass that Mach number: those with 3 limits or more are counted by themselves.
 """
 
@@ -39,7 +39,7 @@ HARMONIC = 3.0
 class Outcome:
     """One flight: what was planted, at how many limits in the record, and what step 1 said.
 
-    `described` says that it is what was planted, `near` what the step cannot tell from it. `ratio` is that of the
+    `described`: it is what was planted; `near`: what the step cannot distinguish from it. `ratio` is that of the
     sister's held-out errors with it and without, `score` the fall there in standard errors; None where it says nothing.
     `there` is at how many limits the sister has it.
     """
@@ -62,7 +62,7 @@ class Outcome:
 
 
 def fly(seed: int, truth: str) -> Outcome | str:
-    """Fly, trace and ask a sister; the reason in words where none can be flown."""
+    """Fly, trace and test on a sister; the reason in words where none can be flown."""
     try:
         own = sized(seed, truth)
         other = _sister_with(own.made)
@@ -74,7 +74,7 @@ def fly(seed: int, truth: str) -> Outcome | str:
         return Outcome(seed, own.made.vehicle, truth, own.times, "nothing", False, (), None, None, there)
     first, planted = added[0], own.made.true.planted
     ratio, score = _on_the_sister(other, found, first.name)
-    said, right = f"{first.standing} {first.name}: {first.description}", _is_described(found, first.name, planted)
+    said, right = f"{first.status} {first.name}: {first.description}", _is_described(found, first.name, planted)
     return Outcome(seed, own.made.vehicle, truth, own.times, said, right, first.near, ratio, score, there)
 
 
@@ -94,7 +94,7 @@ def _is_described(found: Trace, name: str, planted: Planted) -> bool:
 
 
 def _turns(term: YamlTerm, planted: Planted) -> bool:
-    """Within what the times for which it acts can tell of a rate."""
+    """Within the resolution of a rate over the times for which it acts."""
     turn = term.turn
     if turn is None or turn.of != "time":
         return False
@@ -139,8 +139,8 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     for truth in (*_RIGHT, "all"):
         own = [o for o in outcomes if truth in (o.truth, "all")]
         described, lowers = _count([o.described for o in own]), _count([o.lowers for o in own])
-        seen = _count([o.lowers for o in own if o.there >= TIMES[0]])
-        yield f"{truth}: described {described}; the sister's error falls {lowers}, at 3 limits or more there {seen}"
+        visible = _count([o.lowers for o in own if o.there >= TIMES[0]])
+        yield f"{truth}: described {described}; the sister's error falls {lowers}, at 3 limits or more there {visible}"
 
 
 def _count(hits: Sequence[bool]) -> str:

@@ -24,7 +24,7 @@ from tests.studies.independent.vehicles import Craft, Start
 RELATIVE_TOLERANCE = 1e-9
 # Of position (m), velocity (m/s), quaternion, rates (rad/s).
 ABSOLUTE_TOLERANCE = np.repeat([1e-5, 1e-7, 1e-10, 1e-9], [3, 3, 4, 3])
-LEAST_STEP_FOR_DELAY = 8e-3  # s: a shorter delay is looked up within the step, by a cubic
+LEAST_STEP_FOR_DELAY = 8e-3  # s: a shorter delay is interpolated within the step, by a cubic
 MOST_STEPS = 20_000  # of the integration
 PAD = 0.05  # s flown before and after the record
 
@@ -32,7 +32,7 @@ Flow = tuple[float, float, complex, complex]
 
 
 @dataclass(frozen=True)
-class Look:
+class Snapshot:
     """Everything at one time, SI; `moment` C_m + i C_n, `contribution` C_N' + i C_Z' of what is planted."""
 
     alpha: float
@@ -135,11 +135,11 @@ class Body:
     def derivative(self, time: float, state: np.ndarray) -> np.ndarray:
         return np.array(self._equations(time, state)[0])
 
-    def look(self, time: float, state: np.ndarray) -> Look:
-        """What is so at a time already flown."""
+    def snapshot(self, time: float, state: np.ndarray) -> Snapshot:
+        """The snapshot at a time already flown."""
         return self._equations(time, state)[1]()
 
-    def _equations(self, time: float, state: np.ndarray) -> tuple[list[float], Callable[[], Look]]:
+    def _equations(self, time: float, state: np.ndarray) -> tuple[list[float], Callable[[], Snapshot]]:
         craft, vehicle = self.craft, self.craft.vehicle
         _, _, down, vx, vy, vz, *quaternion, p, q, r = state.tolist()
         m = _matrix(quaternion)
@@ -202,13 +202,13 @@ class Body:
             *change,
         ]
 
-        def look() -> Look:
-            return Look(
+        def snapshot() -> Snapshot:
+            return Snapshot(
                 alpha, meridian, speed, running.mach, density, pressure, np.array([ax, ay, az]),
                 np.array([p, q, r]), np.array(change), moment, planted, running,
             )  # fmt: skip
 
-        return rate, look
+        return rate, snapshot
 
     def _running(
         self,
@@ -313,7 +313,7 @@ class Body:
         if all(part.delay == 0.0 for part in self.planted.parts):
             return
         self.anchor = None
-        running = self.look(time, state).running if self.history.ends else None
+        running = self.snapshot(time, state).running if self.history.ends else None
         if running is None:
             return
         value = running.alpha * cmath.exp(1j * running.meridian)
@@ -380,7 +380,7 @@ def flown(
     return body
 
 
-def stack(looks: Sequence[Look], name: str) -> np.ndarray:
+def stack(snapshots: Sequence[Snapshot], name: str) -> np.ndarray:
     """One quantity of many times."""
-    values: list[Any] = [getattr(look, name) for look in looks]
+    values: list[Any] = [getattr(snapshot, name) for snapshot in snapshots]
     return np.array(values)

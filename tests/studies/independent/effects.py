@@ -32,12 +32,12 @@ TIMES = (3.0, 10.0)  # detection limits between which a size is drawn
 # Tolerances that an instrument, the vehicle or the wind is off by at most: with what is drawn besides it stays
 # below the most that the loop believes of any.
 MOST = RECORD_EFFECT_LARGEST - 5.0
-ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that tells its limit
+ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that decides its limit
 FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is asked for
 BENDING = "cubic_stiffness"
 # Moments of the vehicle's own errors: a c.g. off the axis, a tilted principal axis.
 VEHICLE = {"trim": "cg_offset", "dynamic_imbalance": "principal_axis"}
-# What a baseline with a schedule holds already; it is planted into a slope that nothing else changes.
+# What a baseline with a schedule has already; it is planted into a slope that nothing else changes.
 SCHEDULED = ("mach_stiffness", "reynolds_stiffness")
 _GYROS, _AXES = ("p", "q", "r"), ("x", "y", "z")
 COMPONENTS = {
@@ -49,7 +49,7 @@ COMPONENTS = {
     "time_skew": ("gyros",),
 }
 SECOND = 500_000  # of a pair the second moment is drawn under a seed of its own, so many further
-ROUNDS = 2  # of sizing a pair: either moment changes the motion that tells the other's limit
+ROUNDS = 2  # of sizing a pair: either moment changes the motion that decides the other's limit
 EFFECTS = (*LISTED, "magnus", *THROUGHOUT, *VEHICLE, *COMPONENTS, WIND_STEP)
 _SIZE = 13  # the stream of what is drawn here
 
@@ -58,7 +58,7 @@ _SIZE = 13  # the stream of what is drawn here
 class Sized:
     """A flight with an effect, at how many detection limits in its record; `values` are what a trace should find (SI).
 
-    They are told by term or component; those of an instrument hold what was drawn besides.
+    They are by term or component; those of an instrument include what was drawn besides.
     """
 
     made: Made
@@ -125,7 +125,7 @@ def with_pair(seed: int, first: str, second: str, amplitudes: tuple[float, float
 def deviations(found: Trace, sized: Sized, effect: str) -> tuple[float, ...]:
     """Errors of the sizes that a trace gives the effect, in standard errors; of jumps, those that it begins with.
 
-    None where it has not the planted terms, each once: what is told of others is not the size that was planted.
+    None where it has not the planted terms, each once: what is reported of others is not the size that was planted.
     """
     region = sized.made.true.region or (0.0, np.inf)
     middle, out = 0.5 * (region[0] + min(region[1], float(sized.made.true.time[-1]))), []
@@ -184,11 +184,11 @@ def _with_error(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     size = min(wanted * limits[place], MOST * tolerance)
     errors = _further(plain.true.errors, effect, place, float(size * rng.choice([-1.0, 1.0])))
     made = _with_errors(plain, errors, effect)
-    return Sized(made, float(size / limits[place]), _told(made.true.errors, effect, place))
+    return Sized(made, float(size / limits[place]), _as_reported(made.true.errors, effect, place))
 
 
-def _told(errors: Errors, effect: str, place: int) -> dict[str, float]:
-    """The whole error of a component, as a trace tells it."""
+def _as_reported(errors: Errors, effect: str, place: int) -> dict[str, float]:
+    """The whole error of a component, as a trace reports it."""
     whole = float(np.ravel(getattr(errors, effect))[place])
     if effect == "time_skew":
         return {"accelerometers": -whole}  # where the gyros are late: theirs is the record's clock

@@ -5,7 +5,7 @@ By hand: python -m tests.studies.independent.faulty_records --seed 1000 --flight
 Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.config`) or
 one blemish that no trial has to name: gaps, samples that are no number, channels that are missing or zero, stamps
 given twice, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is named and the record is not
-refused, it is compared; with `--trial` it is not, and blemishes are left out. `--only` asks some of both alone.
+refused, it is compared; with `--trial` it is not, and blemishes are left out. `--only` takes some of both alone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.studies.record_faults import shows
 
 SOUND = "sound"
 REFUSED, UNREADABLE = "refused", "unreadable"
-Spoil = Callable[[Record, np.random.Generator], Record]
+Corruption = Callable[[Record, np.random.Generator], Record]
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _jitter(record: Record, random: np.random.Generator) -> Record:
     return record.model_copy(update={"time": record.time + 0.05 * step * random.uniform(-1, 1, record.time.size)})
 
 
-def _lost(name: str, share: float) -> Spoil:
+def _lost(name: str, share: float) -> Corruption:
     """No number in a channel, for a share of the record."""
 
     def corrupt(record: Record, random: np.random.Generator) -> Record:
@@ -178,7 +178,7 @@ def _lost(name: str, share: float) -> Spoil:
     return corrupt
 
 
-def _zero(name: str) -> Spoil:
+def _zero(name: str) -> Corruption:
     def corrupt(record: Record, _: np.random.Generator) -> Record:
         channels = {**record.channels, name: np.zeros(record.time.size)}
         return record.model_copy(update={"channels": channels})
@@ -194,7 +194,7 @@ def _twice(record: Record, random: np.random.Generator) -> Record:
     return record.model_copy(update={"time": time})
 
 
-def _inertia(*names: str) -> Spoil:
+def _inertia(*names: str) -> Corruption:
     def corrupt(record: Record, random: np.random.Generator) -> Record:
         factor = 1.0 + 0.05 * float(random.choice([-1.0, 1.0]))
         changes = {name: factor * getattr(record.vehicle, name) for name in names}
@@ -203,7 +203,7 @@ def _inertia(*names: str) -> Spoil:
     return corrupt
 
 
-BLEMISHES: dict[str, Spoil] = {
+BLEMISHES: dict[str, Corruption] = {
     "gaps of 0.05 s": _gaps,
     "q without numbers for 3 %": _lost("q", 0.03),
     "ay without numbers for 3 %": _lost("ay", 0.03),

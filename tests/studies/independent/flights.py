@@ -17,7 +17,7 @@ import numpy as np
 from brv_hypo.flight.record import Flight
 from brv_hypo.flight.tolerances import of_grade
 from tests.studies.independent.air import atmosphere, sound_speed, viscosity
-from tests.studies.independent.dynamics import PAD, Body, History, Look, flown, stack
+from tests.studies.independent.dynamics import PAD, Body, History, Snapshot, flown, stack
 from tests.studies.independent.imperfections import ordinary
 from tests.studies.independent.instruments import (
     GRADES,
@@ -164,7 +164,7 @@ def make_flight(
     if unit:
         other = draw_errors(grade, factor, stream(seed, "errors", unit), errors)
         drawn = replace(drawn, **{key: getattr(other, key) for key in OF_AN_INERTIAL_UNIT})
-    noise = noise.louder(noise_factor)
+    noise = noise.times(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
     share = 0.0
     if planted is None:
@@ -223,11 +223,11 @@ def _nominal(
     plain = flown(craft, start, no_errors(), Planted())
     if truth in _GROWING:
         share = min(share, 2.0 * LARGEST_GROWTH / (plain.frequency * (last - first)))
-    looks = [plain.look(float(t), state) for t, state in zip(time, plain.history.many(time), strict=True)]
-    alpha, rate = _of_running(looks, "alpha"), _of_running(looks, "meridian_rate")
+    snapshots = [plain.snapshot(float(t), state) for t, state in zip(time, plain.history.many(time), strict=True)]
+    alpha, rate = _of_running(snapshots, "alpha"), _of_running(snapshots, "meridian_rate")
     # The meridian's rate where the moment is large: at alpha = 0 it has no bound.
     meridian_rate = math.sqrt(np.mean((alpha * rate) ** 2) / np.mean(alpha**2))
-    mach_at = np.interp([first, first + 0.1 * span], time, stack(looks, "mach"))
+    mach_at = np.interp([first, first + 0.1 * span], time, stack(snapshots, "mach"))
     drawn: dict[str, dict[str, float]] = {
         "bodyfixed": {"angle": angle},
         "rotating": {"angle": angle},
@@ -236,33 +236,33 @@ def _nominal(
         "sticking": {"delay": turn / meridian_rate},
         "inplane": {"offset": float(other_sign * np.sqrt(np.mean(alpha**2))), "slope": 1.0},
         "mach_step": {"mach": float(mach_at[1]), "width": float(abs(mach_at[1] - mach_at[0]) / 3.0)},
-        **{f"mach_{what}": {"mach": looks[0].running.mach} for what in ("stiffness", "damping")},
-        **{f"reynolds_{what}": {"decades": looks[0].running.decades} for what in ("stiffness", "damping")},
+        **{f"mach_{what}": {"mach": snapshots[0].running.mach} for what in ("stiffness", "damping")},
+        **{f"reynolds_{what}": {"decades": snapshots[0].running.decades} for what in ("stiffness", "damping")},
     }
     # All but the lag are linear in their amplitude; it nearly is where it starts from.
     unit_amplitude = share / meridian_rate if truth == "lag" else 1.0
     unit = Planted(truth, unit_amplitude, first, last, {**drawn.get(truth, {}), **(values or {})})
     inside = (time >= first) & (time < last)
-    made = [unit.claim(look.running) for look, use in zip(looks, inside, strict=True) if use]
-    moment = np.sqrt(np.mean(np.abs(stack(looks, "moment")) ** 2))
+    made = [unit.claim(snapshot.running) for snapshot, use in zip(snapshots, inside, strict=True) if use]
+    moment = np.sqrt(np.mean(np.abs(stack(snapshots, "moment")) ** 2))
     size = unit_amplitude * share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
     # What lags or sticks trails; everything else is as likely of either sign.
     return replace(unit, amplitude=float(size if truth in ("lag", "sticking") else sign * size)), share
 
 
-def _of_running(looks: list[Look], name: str) -> np.ndarray:
-    return np.array([getattr(look.running, name) for look in looks])
+def _of_running(snapshots: list[Snapshot], name: str) -> np.ndarray:
+    return np.array([getattr(snapshot.running, name) for snapshot in snapshots])
 
 
 def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_share: float) -> TrueMotion:
     states = body.history.many(time)
-    looks = [body.look(float(t), state) for t, state in zip(time, states, strict=True)]
-    rates, change, force = (stack(looks, name) for name in ("rates", "rates_change", "force"))
-    # The accelerometers stand off the stated c.g.; the vehicle turns about the true one.
+    snapshots = [body.snapshot(float(t), state) for t, state in zip(time, states, strict=True)]
+    rates, change, force = (stack(snapshots, name) for name in ("rates", "rates_change", "force"))
+    # The accelerometers are off the stated c.g.; the vehicle turns about the true one.
     arm = np.array(body.craft.vehicle.accelerometer_position) + errors.accel_position - np.array(body.centre)
     force = force + np.cross(change, arm) + np.cross(rates, np.cross(rates, arm))
-    moment, contribution = stack(looks, "moment"), stack(looks, "contribution")
-    vehicle, pressure = body.craft.vehicle, stack(looks, "dynamic_pressure")
+    moment, contribution = stack(snapshots, "moment"), stack(snapshots, "contribution")
+    vehicle, pressure = body.craft.vehicle, stack(snapshots, "dynamic_pressure")
     across, turned = rates[:, 1] + 1j * rates[:, 2], change[:, 1] + 1j * change[:, 2]
     turning = vehicle.iyy * turned + 1j * (vehicle.iyy - vehicle.ixx) * rates[:, 0] * across  # Euler's equations
     turning /= pressure * vehicle.reference_area * vehicle.reference_length
@@ -271,22 +271,22 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
     share = float(np.sqrt(np.mean(np.abs(contribution[acting]) ** 2)) / rms) if np.any(acting) else 0.0
     return TrueMotion(
         time=time,
-        alpha=stack(looks, "alpha"),
-        meridian=np.unwrap(stack(looks, "meridian")),
-        meridian_rate=_of_running(looks, "meridian_rate"),
-        alpha_rate=_of_running(looks, "alpha_rate"),
-        velocity=stack(looks, "speed"),
-        mach=stack(looks, "mach"),
+        alpha=stack(snapshots, "alpha"),
+        meridian=np.unwrap(stack(snapshots, "meridian")),
+        meridian_rate=_of_running(snapshots, "meridian_rate"),
+        alpha_rate=_of_running(snapshots, "alpha_rate"),
+        velocity=stack(snapshots, "speed"),
+        mach=stack(snapshots, "mach"),
         altitude=-states[:, 2],
         dynamic_pressure=pressure,
-        static_slope=np.array([body.static_slope(look.speed) for look in looks]),
+        static_slope=np.array([body.static_slope(snapshot.speed) for snapshot in snapshots]),
         rates=rates,
         force=force,
         moment=moment,
         turning=turning,
         contribution=contribution,
-        parts=_parts(body.planted, looks),
-        claim=np.array([body.planted.claim(look.running) for look in looks]),
+        parts=_parts(body.planted, snapshots),
+        claim=np.array([body.planted.claim(snapshot.running) for snapshot in snapshots]),
         planted=body.planted,
         errors=errors,
         craft=body.craft,
@@ -297,9 +297,9 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
     )
 
 
-def _parts(planted: Planted, looks: list[Look]) -> np.ndarray:
+def _parts(planted: Planted, snapshots: list[Snapshot]) -> np.ndarray:
     """What each of the planted effects contributes (n, effects)."""
-    running = [look.running for look in looks]
+    running = [snapshot.running for snapshot in snapshots]
     return np.array([[part.claim(now) * part.weight(now.time) for part in planted.parts] for now in running])
 
 

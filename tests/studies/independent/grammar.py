@@ -36,7 +36,7 @@ POWERS["body"] = (1, 2)
 TIMES = (3.0, 30.0)  # detection limits
 FIRST = 0.003  # of the static moment, at which the limit is asked for
 LARGEST = 0.5  # of it
-ROUNDS = 2  # of sizing: what is planted changes the motion that tells its limit
+ROUNDS = 2  # of sizing: what is planted changes the motion that decides its limit
 HAT = (0.1, 0.4)  # of the range of Mach numbers, half width
 TURNING = (0.3, 2.0)  # rad/s
 _STREAM = 17
@@ -64,8 +64,8 @@ class Kind:
 
 
 def _is_baseline(kind: Kind) -> bool:
-    held = {"plane": (1, 3, -1), "along": (1,), "body": (1,)}
-    return not kind.hat and not kind.turns and kind.power in held.get(kind.direction, ())
+    in_baseline = {"plane": (1, 3, -1), "along": (1,), "body": (1,)}
+    return not kind.hat and not kind.turns and kind.power in in_baseline.get(kind.direction, ())
 
 
 KINDS = tuple(

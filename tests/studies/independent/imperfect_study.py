@@ -1,4 +1,4 @@
-"""How `compare` answers on flights with what no list of tolerances holds: one kind of imperfection in turn, or all.
+"""How `compare` answers on flights with what no list of tolerances has: one kind of imperfection in turn, or all.
 
 By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --flights 75 --jobs 2
 
@@ -95,9 +95,9 @@ def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     begun = process_time()
-    asked = CompareConfig(mechanisms=LISTED, maximum_likelihood="quick" if likelihood else "none")
+    settings = CompareConfig(mechanisms=LISTED, maximum_likelihood="quick" if likelihood else "none")
     try:
-        comparison = compare([made.flight], asked)
+        comparison = compare([made.flight], settings)
     except UnanswerableError as error:  # it tumbles
         return f"seed {seed}: {error}"
     verdict, fitted = comparison.verdict, comparison.ranking[0].ml

@@ -1,4 +1,4 @@
-"""What every real flight has and no list of tolerances holds: one kind at a time, at an ordinary size, or all of them.
+"""What every real flight and no list of tolerances has: one kind at a time, at an ordinary size, or all of them.
 
 `Imperfections` says how large each kind is; nothing is the default of all. `ordinary(kind, ...)` draws one kind at the
 size that flights are reported to have: a unit inertial sensor's random walk, 2 m/s of turbulence, 10 % of density
@@ -24,7 +24,7 @@ from tests.studies.independent.vehicles import Craft
 
 _DEGREE = math.pi / 180.0
 SCALE_HEIGHT = 7000.0  # m
-LINES = 24  # of a random course in time or height
+LINES = 24  # of a random history in time or height
 KINDS = (
     "wind_shear",
     "turbulence",
@@ -57,7 +57,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Lines:
-    """A random course: sinusoids (amplitude, angular frequency, phase), in time or along height."""
+    """A random history: sinusoids (amplitude, angular frequency, phase), in time or along height."""
 
     amplitude: np.ndarray
     frequency: np.ndarray
@@ -70,7 +70,7 @@ class Lines:
 
 
 def lines(rng: np.random.Generator, size: float, low: float, high: float, shape: tuple[int, ...] = ()) -> Lines:
-    """A course of rms `size` with its power between two angular frequencies, falling as the square."""
+    """A history of rms `size` with its power between two angular frequencies, falling as the square."""
     frequency = np.exp(rng.uniform(np.log(low), np.log(high), (*shape, LINES)))
     weight = 1.0 / frequency
     weight *= math.sqrt(2.0) / np.sqrt((weight**2).sum(-1, keepdims=True))
@@ -212,9 +212,9 @@ class Imperfections:
         force = force + self.accel_drift * walks[1]
         size, begin = self.rectification
         force = force + size * (flight.time >= begin)[:, None] * np.array([1.0, 0.7, -0.5])
-        louder = self.noise_by_pressure * push[:, None]
-        rates = rates + noise[0] * louder * rng.standard_normal((count, 3))
-        force = force + noise[1] * louder * rng.standard_normal((count, 3))
+        further_noise = self.noise_by_pressure * push[:, None]
+        rates = rates + noise[0] * further_noise * rng.standard_normal((count, 3))
+        force = force + noise[1] * further_noise * rng.standard_normal((count, 3))
         if self.bandwidth:
             b, a = butter(2, min(2.0 * step * self.bandwidth, 0.95))
             first = lfilter(b, a, np.ones(count))[:, None]
@@ -268,12 +268,12 @@ def ordinary(craft: Craft, kinds: tuple[str, ...], rng: np.random.Generator, siz
     cosine, sine = math.cos(angle), math.sin(angle)
     fall = abs(drop) / span  # m/s
     gusts = lines(rng, 2.0 * size, 2.0 * np.pi / span, 3.0 * frequency, (3,))
-    course = lines(rng, 0.03 * size, 2.0 * np.pi / (4.0 * SCALE_HEIGHT), 2.0 * np.pi / 2000.0)
+    profile = lines(rng, 0.03 * size, 2.0 * np.pi / (4.0 * SCALE_HEIGHT), 2.0 * np.pi / 2000.0)
     flow = lines(rng, 0.03 * size * trim, 0.3 * frequency, 3.0 * frequency, (2,))
     made = {
         "wind_shear": {"shear": (10.0 * size * cosine / drop, 10.0 * size * sine / drop, 0.0)},
         "turbulence": {"gusts": gusts},
-        "density_profile": {"density_course": course},
+        "density_profile": {"density_course": profile},
         "density_layer": {"layer": (0.03 * size * sign, craft.altitude - fall * begin, 0.1 * drop)},
         "inertia_asymmetry": {"inertia_asymmetry": 0.015 * size * sign},
         "cg_drift": {"cg_drift": (3e-4 * size * cosine, 3e-4 * size * sine)},

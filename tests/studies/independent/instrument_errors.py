@@ -2,8 +2,8 @@
 
     python -m tests.studies.independent.instrument_errors --seed 400000 --flights 24 [--grade tactical]
 
-Flights as in `study`, compared with the likelihood; an error counts where the data tell it to less than `TOLD` of its
-tolerance: elsewhere its prior is all that there is to say. Gyros that are late are accelerometers that are early,
+Flights as in `study`, compared with the likelihood; an error counts where its standard error is below `ESTIMATED` of
+its tolerance: elsewhere its prior is all that there is to say. Gyros that are late are accelerometers that are early,
 and the place of accelerometers is that about the true c.g.
 """
 
@@ -22,12 +22,12 @@ from tests.studies.independent.flights import Made
 from tests.studies.independent.instruments import Errors
 from tests.studies.independent.study import NAMES, drawn_flight
 
-TOLD = 0.7
+ESTIMATED = 0.7
 _AXES = {"gyro_bias": "pqr", "gyro_scale": "pqr", "accel_bias": "xyz", "accel_scale": "xyz", "accel_position": "xyz"}
 
 
 @dataclass(frozen=True)
-class Told:
+class EstimatedError:
     """One error of one flight: estimate less truth, over its standard error."""
 
     name: str
@@ -45,8 +45,8 @@ def true_errors(errors: Errors) -> Mapping[str, float]:
     return found
 
 
-def told(made: Made) -> Iterator[Told]:
-    """Every error that the leader's likelihood tells; none where it has not converged."""
+def estimated_errors(made: Made) -> Iterator[EstimatedError]:
+    """Every error that the leader's likelihood estimates; none where it has not converged."""
     found = compare([made.flight], CompareConfig(mechanisms=NAMES, maximum_likelihood="quick")).ranking[0].ml
     if found is None or found.status != "converged":
         return
@@ -54,8 +54,8 @@ def told(made: Made) -> Iterator[Told]:
     sizes = {key.split()[0]: getattr(made.flight.instruments, key.split()[0])[0] for key in known}
     for estimate in found.instrument:
         size = sizes.get(estimate.name.split()[0], 0.0)
-        if estimate.name in known and estimate.std_error < TOLD * size:
-            yield Told(estimate.name, (estimate.value - known[estimate.name]) / estimate.std_error)
+        if estimate.name in known and estimate.std_error < ESTIMATED * size:
+            yield EstimatedError(estimate.name, (estimate.value - known[estimate.name]) / estimate.std_error)
 
 
 def main() -> None:
@@ -65,15 +65,15 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--grade", default="tactical")
     given = parser.parse_args()
-    all_told: list[Told] = []
+    every: list[EstimatedError] = []
     for number in range(given.flights):
-        found = list(told(drawn_flight(given.seed + number, number, given.grade, 1.0, 0)))
-        all_told += found
+        found = list(estimated_errors(drawn_flight(given.seed + number, number, given.grade, 1.0, 0)))
+        every += found
         beyond = sum(abs(each.scaled) > NORMAL_95 for each in found)
-        print(f"{given.seed + number}: {len(found)} told, {beyond} beyond", flush=True)
-    print(f"{'error':28}{'told':>6}{'within 1.96 sigma, %':>22}{'scatter':>9}{'mean':>7}")
-    for name in (*sorted({each.name for each in all_told}), "all"):
-        scaled = np.array([each.scaled for each in all_told if name in (each.name, "all")])
+        print(f"{given.seed + number}: {len(found)} estimated, {beyond} beyond", flush=True)
+    print(f"{'error':28}{'count':>6}{'within 1.96 sigma, %':>22}{'scatter':>9}{'mean':>7}")
+    for name in (*sorted({each.name for each in every}), "all"):
+        scaled = np.array([each.scaled for each in every if name in (each.name, "all")])
         share = 100.0 * np.mean(np.abs(scaled) < NORMAL_95)
         print(f"{name:28}{scaled.size:6}{share:22.1f}{np.std(scaled):9.2f}{np.mean(scaled):7.2f}")
 

@@ -112,7 +112,7 @@ class Noise:
     altitude: float = 5.0
     colour: float = 0.0
 
-    def louder(self, factor: float) -> Noise:
+    def times(self, factor: float) -> Noise:
         """The same noise, so many times as large."""
         return Noise(
             factor * self.gyro,
@@ -155,7 +155,7 @@ def sensed_rates(rates_at: Callable[[np.ndarray], np.ndarray], time: np.ndarray,
 
 
 def sensed_force(force: np.ndarray, errors: Errors) -> np.ndarray:
-    """Accelerometers (n, 3) without noise, of the true specific force where they stand."""
+    """Accelerometers (n, 3) without noise, of the true specific force at their place."""
     matrix = np.diag(1.0 + errors.accel_scale) @ rotation(errors.accel_misalignment).T
     return force @ matrix.T + errors.accel_bias
 

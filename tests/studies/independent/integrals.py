@@ -40,17 +40,17 @@ def errors(made: Made) -> tuple[Quadrature, np.ndarray, np.ndarray]:
     time, xi = flight.time, crossflow(true.alpha, true.meridian)
     motion: Any = SimpleNamespace(time=time, alpha=true.alpha, windward_meridian=true.meridian)
     nodes = quadrature(motion, flight.segments)
-    course = CubicSpline(time, xi)
+    spline = CubicSpline(time, xi)
     spin = (1.0 - flight.vehicle.inertia_ratio) * running_integral(time, flight.p)
     factor = np.exp(1j * spin) * flight.dynamic_pressure * flight.vehicle.moment_scale
     dense = np.linspace(time[0], time[-1], (time.size - 1) * DENSER + 1)
-    delay = LATE * float(np.linalg.norm(xi) / np.linalg.norm(course(time, 1)))
-    integrand = CubicSpline(time, factor)(dense)[:, np.newaxis] * shapes(course(dense), course(dense, 1), delay)
+    delay = LATE * float(np.linalg.norm(xi) / np.linalg.norm(spline(time, 1)))
+    integrand = CubicSpline(time, factor)(dense)[:, np.newaxis] * shapes(spline(dense), spline(dense, 1), delay)
     exact = np.asarray(cumulative_simpson(integrand, x=dense, axis=0, initial=0.0))[::DENSER]
-    here = shapes(xi, course(time, 1), delay)
+    here = shapes(xi, spline(time, 1), delay)
     scale = np.sqrt(np.mean(np.abs(true.moment) ** 2) / np.mean(np.abs(here) ** 2, axis=0)) / true.noise.gyro
     alone = running_integral(time, factor[:, np.newaxis] * here)
-    there = nodes.of(factor)[:, np.newaxis] * shapes(nodes.of(xi), nodes.of(course(time, 1)), delay)
+    there = nodes.of(factor)[:, np.newaxis] * shapes(nodes.of(xi), nodes.of(spline(time, 1)), delay)
     finer = running_integral(nodes.time, there)[nodes.samples]
     return nodes, scale * np.std(alone - exact, axis=0), scale * np.std(finer - exact, axis=0)
 

@@ -40,7 +40,7 @@ class Added:
     """One effect that the loop added, and what it says of it."""
 
     name: str
-    standing: str
+    status: str
     near: tuple[str, ...]
     named_in: float
     ratio: float
@@ -141,30 +141,30 @@ def added_by(found: Trace) -> tuple[Added, ...]:
 def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """Lines of counts with their denominators."""
     yield from _report_empty([o for o in outcomes if o.truth == "none"])
-    # The oracle counts the errors of the record by their priors; what it cannot part from them is not asked for.
-    seen = [o for o in outcomes if o.truth != "none" and min(o.times) >= 1.0]
-    listed = [o for o in seen if o.truth in LISTED]
-    yield _count("planted, above the limit: something is added", [bool(o.added) for o in seen])
+    # The ideal observer counts errors of the record by their priors; what it cannot separate from them is not counted.
+    detectable = [o for o in outcomes if o.truth != "none" and min(o.times) >= 1.0]
+    listed = [o for o in detectable if o.truth in LISTED]
+    yield _count("planted, above the limit: something is added", [bool(o.added) for o in detectable])
     yield _count("a listed effect is named first", [_first(o) for o in listed])
     yield _count("a listed effect or its near-equal is named first", [_near(o) for o in listed])
     known = [o for o in listed if min(o.in_record) >= TIMES[0]]
     yield _count("the same, at 3 limits or more once the motion has to be found too", [_near(o) for o in known])
-    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in seen])
-    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in seen])
+    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in detectable])
+    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in detectable])
 
 
 def report_effects(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """Lines of counts by effect and of all."""
     yield from _report_empty([o for o in outcomes if o.truth == "none"])
-    asked = [o for o in outcomes if o.truth != "none"]
-    for name in dict.fromkeys(o.truth for o in asked):
-        own = [o for o in asked if o.truth == name]
+    planted = [o for o in outcomes if o.truth != "none"]
+    for name in dict.fromkeys(o.truth for o in planted):
+        own = [o for o in planted if o.truth == name]
         yield _count(f"{name} is first", [_first(o) for o in own]) + _count("; or near", [_near(o) for o in own])
-    yield _count("all: named first", [_first(o) for o in asked])
-    yield _count("all: it or a near-equal is first", [_near(o) for o in asked])
-    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in asked])
-    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in asked])
-    yield _count("sizes within 2 sigma", [abs(each) <= 2.0 for o in asked for each in o.deviations])
+    yield _count("all: named first", [_first(o) for o in planted])
+    yield _count("all: it or a near-equal is first", [_near(o) for o in planted])
+    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in planted])
+    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in planted])
+    yield _count("sizes within 2 sigma", [abs(each) <= 2.0 for o in planted for each in o.deviations])
 
 
 def _first(outcome: Outcome) -> bool:
@@ -199,13 +199,13 @@ def _both_found(outcome: Outcome, near: bool) -> bool:
 
 
 def _found(outcome: Outcome) -> list[Added]:
-    """What was added that is one of the pair, or cannot be told from it."""
+    """What was added that is one of the pair, or cannot be distinguished from it."""
     truths = set(outcome.truth.split(JOINED))
     return [each for each in outcome.added if truths & {each.name, *each.near}]
 
 
 def _beyond(outcome: Outcome) -> list[str]:
-    """Names that were added and are neither of the pair, nor cannot be told from it."""
+    """Names that were added and are neither of the pair, nor cannot be distinguished from it."""
     found = {each.name for each in _found(outcome)}
     return [each.name for each in outcome.added if each.name not in found]
 
@@ -216,7 +216,7 @@ def _beside_the_first(added: Sequence[Added]) -> list[Added]:
 
 
 def _findings(added: Sequence[Added]) -> list[str]:
-    return [each.name for each in added if each.standing == "finding"]
+    return [each.name for each in added if each.status == "finding"]
 
 
 def _count(what: str, hits: Sequence[bool]) -> str:
@@ -230,7 +230,7 @@ def line(outcome: Outcome) -> str:
     if outcome.times:
         limits = f" at {_joined(outcome.times)} limits ({_joined(outcome.in_record)} in the record)"
     steps = "; ".join(
-        f"{a.standing} {a.name} ({a.description}) {a.ratio:.3f} ± {a.ratio_error:.3f}, named in {a.named_in:.0%}"
+        f"{a.status} {a.name} ({a.description}) {a.ratio:.3f} ± {a.ratio_error:.3f}, named in {a.named_in:.0%}"
         + (f", near {', '.join(a.near)}" if a.near else "")
         for a in outcome.added
     )
@@ -266,8 +266,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         truths = given.truths.split(",") if given.truths else _in_turn()
         runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
-    told = report_effects if given.effects else report_pairs if given.pairs else report
-    fly_and_report(runs, given.jobs, line, told)
+    printed = report_effects if given.effects else report_pairs if given.pairs else report
+    fly_and_report(runs, given.jobs, line, printed)
 
 
 def _in_turn() -> list[str]:

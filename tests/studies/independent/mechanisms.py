@@ -78,7 +78,7 @@ class Planted:
 
     @property
     def delay(self) -> float:
-        """How far back it looks, s."""
+        """Its delay, s."""
         return self.amplitude if self.name == "lag" else float(self.values.get("delay", 0.0))
 
     @property

@@ -3,7 +3,7 @@
     python -m tests.studies.independent.misread --seed 1000 --flights 100
 
 Flights are those of `imperfect_study` (`--world one`: an imperfection of one kind each). Every record is tried as it
-is and with one mistake at a time. A mistake of units, axes or signs counts where its channels stand out of noise and
+is and with one mistake at a time. A mistake of units, axes or signs counts where its channels exceed noise and
 bias (`record_faults.shows`), one of mounting where the vehicle rolls by two turns or more; altitudes are read in
 wrong units where they are all that is known of the air. Named is a mistake where the trial finds a decisive fault;
 rightly named where it says the kind, and the channels where there are any.
@@ -28,7 +28,7 @@ from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.record_faults import shows
 
-LEAST_TURNS = 2.0  # of roll in the record, from which the axis of spin can be told from a swing
+LEAST_TURNS = 2.0  # of roll in the record, from which the axis of spin can be distinguished from a swing
 TILTS = (3.0, 10.0, 45.0)  # deg
 AIR = ("dynamic_pressure", "density", "mach", "reynolds")
 SOUND = "sound"
@@ -70,7 +70,7 @@ def altitude_only(record: Record, factor: float) -> Record:
 
 
 def mistakes(record: Record, rng: np.random.Generator) -> Iterable[tuple[str, str, Callable[[], Record]]]:
-    """Names, kinds and makers of the mistakes that stand out of the noise of this record."""
+    """Names, kinds and makers of the mistakes that exceed the noise of this record."""
     for fault in planted_faults().values():
         if fault.kind in ("sign", "axes", "units") and shows(record, fault.channels):
             yield fault.name, fault.kind, lambda fault=fault: fault.corrupt(record, rng)

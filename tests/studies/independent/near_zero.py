@@ -22,7 +22,7 @@ from tests.studies.independent.instruments import no_errors
 from tests.studies.independent.mechanisms import LISTED, Planted
 from tests.studies.independent.vehicles import CRAFTS, Craft, Start, draw_start
 
-# Coning tried, in shares of the natural frequency, and times at which alpha is looked at.
+# Coning tried, in shares of the natural frequency, and times at which alpha is evaluated.
 CONING = np.linspace(-0.45, 0.45, 19)
 TIMES = 4000
 
@@ -39,8 +39,8 @@ def _through_zero(craft: Craft, start: Start) -> Start:
     def nearest(coning: float) -> float:
         body = flown(craft, replace(plain, coning=float(coning)), no_errors(), Planted())
         times = np.linspace(0.0, craft.duration, TIMES)
-        looks = [body.look(float(t), state) for t, state in zip(times, body.history.many(times), strict=True)]
-        return float(np.min(stack(looks, "alpha")))
+        snapshots = [body.snapshot(float(t), state) for t, state in zip(times, body.history.many(times), strict=True)]
+        return float(np.min(stack(snapshots, "alpha")))
 
     tried = [nearest(coning) for coning in CONING]
     place, width = CONING[int(np.argmin(tried))], CONING[1] - CONING[0]

@@ -3,7 +3,7 @@
 De-rolled transverse rates (q + i r) e^{i Phi}, Phi = (1 - Ix/I) times the roll angle, are a constant plus the
 integral of q_inf S d / I (C_m + i C_n) e^{i Phi}. In them the planted contribution is one known column. Projected
 off the baseline and off the record effects with their priors, its squared length over the noise's variance is F; a
-rival that reproduces part of it leaves the rest, which is 2 ln L of truth over rival in expectation.
+rival that reproduces part of it lacks the rest, which is 2 ln L of truth over rival in expectation.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ PASSES = 2  # of finer grids
 DELAYS = np.geomspace(2e-3, 0.15, 12)  # s, of a rival's first grid
 FINER_DELAYS = 7  # between the neighbours of the best
 
-# What the true motion does not settle: it moves the gyros, the phase of de-rolling or the equations of motion.
-# Dynamic pressure and inertia scale every moment alike, as C_malpha does: the baseline holds them.
+# What the true motion does not determine: it moves the gyros, the phase of de-rolling or the equations of motion.
+# Dynamic pressure and inertia scale every moment alike, as C_malpha does: the baseline has them.
 _GYROS = {"gyro_bias": 3, "gyro_scale": 3, "gyro_misalignment": 6, "time_skew": 1}
 _VEHICLE = {"cg_offset": 2, "principal_axis": 2, "inertia_ratio": 1}
-_LEAST_PIVOT = 1e-10  # relative: a rival's columns that the baseline already holds explain nothing
+_LEAST_PIVOT = 1e-10  # relative: a rival's columns that the baseline already has explain nothing
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Ground:
         return np.concatenate([fresh.real, fresh.imag]) / self.sigma
 
     def project(self, columns: np.ndarray) -> np.ndarray:
-        """Columns (2n, m) less what baseline and record effects hold: (2n + priors, m)."""
+        """Columns (2n, m) less what baseline and record effects explain: (2n + priors, m)."""
         padded = np.zeros((self.basis.shape[0], columns.shape[1]))
         padded[: self.rows] = columns
         return np.asarray(padded - self.basis @ (self.basis.T @ padded))
@@ -127,7 +127,7 @@ class Ground:
         yield self.integral(transverse * self.vehicle.reference_length / (2.0 * true.velocity))(self.time)
 
     def _effects(self) -> Iterator[np.ndarray]:
-        """Change of the de-rolled rates by one tolerance of each error, the motion held."""
+        """Change of the de-rolled rates by one tolerance of each error, the motion fixed."""
         tolerances = self.made.flight.instruments.values()
         nothing = no_errors()
         sensed, turning = self._sensed(nothing), self._turning(nothing)
@@ -261,10 +261,10 @@ def _least_at(
     values = np.einsum("nij,nj->ni", np.linalg.pinv(gram, rcond=_LEAST_PIVOT, hermitian=True), side)
     if sizes is not None:
         values = np.clip(values, *sizes)
-    left = target @ target - 2.0 * np.sum(values * side, axis=1) + np.einsum("ni,nij,nj->n", values, gram, values)
-    place = int(np.argmin(left))
+    residual = target @ target - 2.0 * np.sum(values * side, axis=1) + np.einsum("ni,nij,nj->n", values, gram, values)
+    place = int(np.argmin(residual))
     return Rival(
-        max(float(left[place]), 0.0),
+        max(float(residual[place]), 0.0),
         float(knots[starts[place]]),
         float(knots[stops[place]]),
         delay,

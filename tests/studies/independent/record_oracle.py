@@ -1,7 +1,7 @@
-"""What a record says of the effects planted into it, once its motion and its errors have to be found along with them.
+"""The information of a record on effects planted into it, once its motion and its errors have to be found as well.
 
-The oracle knows the motion. A reconstruction does not, and a small slow moment may be the attitude's own error: the
-effects' true columns are projected off all that the loop fits along, and off each other.
+The ideal observer knows the motion. A reconstruction does not, and a small slow moment may be the attitude's own
+error: the effects' true columns are projected off all that the loop fits along, and off each other.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Outcome:
     """One pair: the share of the moment's mean square that the frozen model explains, noise aside.
 
     `inside` is the share of samples in the band; `frozen` and `own` are errors over that of the noise. `flown` is the
-    share of the samples at Mach numbers and angles of attack that both flew, which the first two are told of.
+    share of the samples at Mach numbers and angles of attack that both flew, which the first two are of.
     `change` is what is said to differ; `planted` are the Mach numbers between which the slope does, and `times` how
     many limits that is. `refused` is the coefficient that is said to contradict the model, of a sister whose damping is
     another (`damped`) or the same.
@@ -149,20 +149,20 @@ def at_speed(craft: Craft, faster: float) -> Craft:
 def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """Lines of counts with their denominators."""
     outcomes = [o for o in outcomes if o.flown >= SMALLEST]
-    held = [BAND[0] <= o.inside <= BAND[1] for o in outcomes]
+    covered = [BAND[0] <= o.inside <= BAND[1] for o in outcomes]
     yield _count(f"the frozen model explains at least {EXPLAINED:.0%}", [o.explained >= EXPLAINED for o in outcomes])
-    yield _count(f"the 95 % band holds {BAND[0]:.0%} to {BAND[1]:.0%} of the samples", held)
+    yield _count(f"the 95 % band holds {BAND[0]:.0%} to {BAND[1]:.0%} of the samples", covered)
     if outcomes:
         yield f"explained: least {min(o.explained for o in outcomes):.4f}"
         inside = [o.inside for o in outcomes]
         yield f"share in the band: median {np.median(inside):.3f}, from {min(inside):.3f} to {max(inside):.3f}"
     changed = [o for o in outcomes if o.planted is not None]
-    alike = [o for o in outcomes if o.planted is None]
+    unchanged = [o for o in outcomes if o.planted is None]
     yield _count("the slope is another between two Mach numbers: they are named", [o.common > NAMED for o in changed])
     yield _count("the damping is another: the model is refused", [bool(o.refused) for o in outcomes if o.damped])
-    same = [o for o in alike if not o.damped]
+    same = [o for o in unchanged if not o.damped]
     yield _count("the aerodynamics are the same: the model is refused", [bool(o.refused) for o in same])
-    yield _count("the schedule is the same: a change is named", [o.change is not None for o in alike])
+    yield _count("the schedule is the same: a change is named", [o.change is not None for o in unchanged])
 
 
 def line(outcome: Outcome) -> str:

@@ -1,4 +1,4 @@
-"""How often `compare` is right on independent flights: false and wrong names, power against the oracle, limits, sigmas.
+"""How often `compare` is right on independent flights: false and wrong names, power against a bound, limits, sigmas.
 
 By hand: python -m tests.studies.independent.study --seed 1000 --flights 120 --jobs 2
 
@@ -28,7 +28,7 @@ from tests.studies.independent.mechanisms import LISTED, UNLISTED
 from tests.studies.independent.oracle import Known, judge
 
 NAMES = ("damping", "inplane", "bodyfixed", "lag", "sticking")
-# 2 ln L by which the oracle parts the truth from every rival, from which the program should name it.
+# 2 ln L by which the ideal observer separates the truth from every rival, from which the program should name it.
 PARTED = 10.0
 # F of the truth's own column at the detection limit.
 DETECTED = 25.0
@@ -50,7 +50,7 @@ _STREAM = 5
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight: what was planted, what the oracle could know, what the program said.
+    """One flight: what was planted, what an ideal observer could know, what the program said.
 
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
@@ -152,9 +152,9 @@ def _stated(made: Made) -> tuple[float, float, float]:
     clear = true.alpha > 0.2 * np.sqrt(np.mean(true.alpha**2))
     turned = np.angle(np.exp(1j * (found.motion.windward_meridian - true.meridian)))
     meridian = _ratio(found.phi_w_sigma[clear], turned[clear])
-    moments, seen = found.moments, found.moments.usable
-    missed = (moments.body - true.moment)[seen] / np.sqrt(2.0)
-    return alpha, meridian, _ratio(moments.sigma[seen], np.abs(missed))
+    moments, usable = found.moments, found.moments.usable
+    missed = (moments.body - true.moment)[usable] / np.sqrt(2.0)
+    return alpha, meridian, _ratio(moments.sigma[usable], np.abs(missed))
 
 
 def _ratio(sigma: np.ndarray, error: np.ndarray) -> float:
@@ -173,18 +173,18 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield _count("planted: a wrong mechanism wins", [o.winner not in (None, "none", o.truth) for o in listed])
     parted = [o for o in listed if o.parted_by >= PARTED]
     yield _count(f"parted by 2 ln L >= {PARTED:g}: the truth wins", [o.winner == o.truth for o in parted])
-    seen = [o for o in listed if o.f_ratio >= DETECTED]
-    yield _count("above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in seen])
-    yield _count("above the detection limit: 'none adequate'", [o.outcome == "none adequate" for o in seen])
+    detectable = [o for o in listed if o.f_ratio >= DETECTED]
+    yield _count("above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in detectable])
+    yield _count("above the detection limit: 'none adequate'", [o.outcome == "none adequate" for o in detectable])
     yield _count("planted: the limit covers the share", [o.share <= o.limit for o in listed])
     tried = [o for o in listed if LIMITS_TRIED[0] <= o.f_ratio <= LIMITS_TRIED[1]]
     yield _count(
         "between one and three detection limits: the limit covers the share", [o.share <= o.limit for o in tried]
     )
-    over = [o.limit / _known_limit(o) for o in seen if np.isfinite(o.limit)]  # a record refused has none
+    over = [o.limit / _known_limit(o) for o in detectable if np.isfinite(o.limit)]  # a record refused has none
     yield (
         f"limit over the oracle's: median {_median(over):.2f}; names that stand "
-        f"above the detection limit: median {_median([len(o.equivalent) for o in seen]):.0f}"
+        f"above the detection limit: median {_median([len(o.equivalent) for o in detectable]):.0f}"
     )
     apart = [o for o in other if o.f_ratio >= DETECTED and not o.reproduced >= REPRODUCED]
     yield _count(
@@ -192,7 +192,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         [o.winner is None for o in apart],
     )
     yield _count("outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other])
-    yield f"expected calibration error, above the detection limit: {_calibration_error([*seen, *apart]):.3f}"
+    yield f"expected calibration error, above the detection limit: {_calibration_error([*detectable, *apart]):.3f}"
     for said in ("named", "undecided", "none adequate"):
         shares = [o.stability for o in outcomes if o.outcome == said]
         yield _count(f"{said}: stability of 0.9 or more", [share >= STABLE for share in shares])
@@ -206,7 +206,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
 
 
 def _known_limit(outcome: Outcome) -> float:
-    """Share that the oracle allows at 95 %, on the average."""
+    """Share that the ideal observer allows at 95 %, on the average."""
     return outcome.share * (1.0 + ONE_SIDED / np.sqrt(outcome.f_ratio))
 
 

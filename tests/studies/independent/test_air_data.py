@@ -1,4 +1,4 @@
-"""Speed and pressure freed of noise: what smoothing leaves of it, or adds, is no mechanism however quiet the gyros."""
+"""Speed and pressure freed of noise: what smoothing keeps of it, or adds, is no mechanism however quiet the gyros."""
 
 from __future__ import annotations
 

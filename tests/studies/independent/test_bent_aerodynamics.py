@@ -42,7 +42,7 @@ def test_a_bent_vehicle_is_judged_as_a_straight_one(truth: str, named: str | Non
 
 @pytest.mark.thorough
 def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
-    """At 30 deg a drift in time left 4e-4 of the moment: it was named `inplane`."""
+    """At 30 deg a drift in time had a residual of 4e-4 of the moment: it was named `inplane`."""
     made = drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)
     true = made.true
     problem = shared_problem(
@@ -61,15 +61,15 @@ def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
         ]
     )
     both, moment = np.vstack([columns.real, columns.imag]), np.concatenate([true.moment.real, true.moment.imag])
-    left = moment - both @ np.linalg.lstsq(both, moment, rcond=None)[0]
-    assert np.linalg.norm(left) < 2e-5 * np.linalg.norm(moment)
+    residual = moment - both @ np.linalg.lstsq(both, moment, rcond=None)[0]
+    assert np.linalg.norm(residual) < 2e-5 * np.linalg.norm(moment)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("truth", ["lag", "sticking"])
 def test_what_is_late_of_a_bent_moment_is_bent_too(truth: str, seed: int) -> None:
-    """Taken as late of a straight moment, what it left was larger than the noise."""
+    """As the lag of a straight moment its residual was larger than the noise."""
     made = make_flight(BENT, truth, amplitude=0.5, seed=seed)
     verdict = compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
     assert verdict.winner == truth
@@ -118,7 +118,7 @@ def test_an_axial_force_that_does_not_change_is_constant() -> None:
 
 
 def test_the_axial_force_is_found_to_go_with_alpha() -> None:
-    """It turns the vehicle about a c.g. off the axis: a moment as large as those that are looked for."""
+    """It turns the vehicle about a c.g. off the axis: a moment as large as those that are to be found."""
     bend = -0.05
     craft = replace(CAPSULE, alpha=np.radians(8.0), axial_bend=bend)
     made = make_flight(craft, seed=7)

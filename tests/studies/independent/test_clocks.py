@@ -19,7 +19,7 @@ FIRST = 121000
 )
 def test_the_ends_of_a_record_do_not_shift_the_clock(seed: int, truth: str) -> None:
     """A unit shifted as a whole differs from one that is not at its ends alone, where it has to be continued: they
-    asked for 5 to 8 tolerances of gyros and accelerometers late together, and nothing was adequate.
+    were fitted with 5 to 8 tolerances of gyros and accelerometers late together, and nothing was adequate.
     """
     made = drawn_flight(seed, seed - FIRST, MIXED, 1.0, 5, coloured=True, drawn=True)
     assert made.truth == truth
@@ -32,7 +32,7 @@ def test_the_ends_of_a_record_do_not_shift_the_clock(seed: int, truth: str) -> N
     "seed", [160000, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (160003, 160010, 160022))]
 )
 def test_errors_of_angles_include_that_of_the_gyros_clock(seed: int) -> None:
-    """Motion is told on the gyros' clock: its true time is uncertain by the tolerance."""
+    """Motion is on the gyros' clock: its true time is uncertain by the tolerance."""
     made = drawn_flight(seed, seed - 160000, MIXED, 1.0, 5, coloured=True)
     found, true = reconstruct(made.flight), made.true
     missed = {
@@ -42,8 +42,8 @@ def test_errors_of_angles_include_that_of_the_gyros_clock(seed: int) -> None:
     for name, sigma in (("alpha", found.alpha_sigma), ("windward_meridian", found.phi_w_sigma)):
         assert np.sqrt(np.mean(missed[name] ** 2)) < 2.0 * np.sqrt(np.mean(sigma**2)), name
     by_clock = found.motion.alpha_rate * made.flight.instruments.time_skew[0]
-    # Besides, the velocity may wander: a constant of the crossflow.
+    # Besides, the velocity may have a random walk: a constant of the crossflow.
     rest = found.alpha_sigma**2 - found.alpha_sigma_on_clock**2 - by_clock**2
-    wander = rest * np.cos(found.motion.alpha) ** 2
-    np.testing.assert_allclose(wander, np.mean(wander), rtol=1e-6, atol=1e-12 * np.mean(found.alpha_sigma**2))
-    assert np.mean(wander) >= -1e-12 * np.mean(found.alpha_sigma**2)
+    walk = rest * np.cos(found.motion.alpha) ** 2
+    np.testing.assert_allclose(walk, np.mean(walk), rtol=1e-6, atol=1e-12 * np.mean(found.alpha_sigma**2))
+    assert np.mean(walk) >= -1e-12 * np.mean(found.alpha_sigma**2)

@@ -1,4 +1,4 @@
-"""Instruments whose noise is alike in neighbouring samples, as loud at the motion's frequency as nowhere beyond."""
+"""Instruments whose noise is correlated in neighbouring samples, and larger at the motion's frequency than beyond."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def flight(seed: int, truth: str) -> Made:
     [(232, 0.06), *(pytest.param(seed, 0.15, marks=pytest.mark.thorough) for seed in (204, 215, 230))],
 )
 def test_the_record_is_not_fitted_with_errors_of_many_tolerances(seed: int, share: float) -> None:
-    """Believed to the noise of neighbouring samples, the force led to alpha off by 11 to 60 % of its rms."""
+    """Weighted by the noise of neighbouring samples, the force led to alpha off by 11 to 60 % of its rms."""
     made = flight(seed, "none")
     found = reconstruct(made.flight)
     error = np.sqrt(np.mean((found.motion.alpha - made.true.alpha) ** 2))

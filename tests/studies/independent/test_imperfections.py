@@ -35,10 +35,10 @@ def test_a_kind_is_drawn_the_same_beside_others() -> None:
 
 
 def test_a_random_history_has_the_requested_size() -> None:
-    course = lines(np.random.default_rng(2), 2.0, 1.0, 50.0)
-    values = np.array([course.at(place)[0] for place in np.linspace(0.0, 400.0, 40_000)])
+    history = lines(np.random.default_rng(2), 2.0, 1.0, 50.0)
+    values = np.array([history.at(place)[0] for place in np.linspace(0.0, 400.0, 40_000)])
     assert np.sqrt(np.mean(values**2)) == pytest.approx(2.0, rel=0.1)
-    ahead, behind, rate = course.at(3.0 + 1e-6)[0], course.at(3.0 - 1e-6)[0], course.at(3.0)[1]
+    ahead, behind, rate = history.at(3.0 + 1e-6)[0], history.at(3.0 - 1e-6)[0], history.at(3.0)[1]
     assert (ahead - behind) / 2e-6 == pytest.approx(rate, rel=1e-5)
 
 

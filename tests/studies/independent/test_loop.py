@@ -39,7 +39,7 @@ def test_what_begins_and_ends_is_found_though_neither_alone_is_worth_much(seed: 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "truth"), [(260020, "mach_step"), (260021, "rotating")])
 def test_an_effect_that_no_plugin_has_is_described(seed: int, truth: str) -> None:
-    """A step of the stiffness that one flight tells alike by time; a turn over a third of the record."""
+    """A step of the stiffness that on one flight is as well one at a time; a turn over a third of the record."""
     found = descriptions.fly(seed, truth)
     assert isinstance(found, descriptions.Outcome)
     assert found.described
@@ -47,7 +47,7 @@ def test_an_effect_that_no_plugin_has_is_described(seed: int, truth: str) -> Non
 
 @pytest.mark.slow
 def test_a_turn_that_is_described_predicts_a_sister() -> None:
-    """Its rate was told a quarter too slow, over two thirds of its time."""
+    """Its rate was estimated a quarter too slow, over two thirds of its time."""
     found = descriptions.fly(334018, "rotating")
     assert isinstance(found, descriptions.Outcome)
     assert found.lowers

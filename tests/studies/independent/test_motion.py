@@ -99,13 +99,13 @@ def test_derivative_is_that_of_another_simulation(scenario: other.Scenario, monk
     matrix = np.array(dynamics._matrix(state[6:10].tolist()))
     theirs = np.concatenate([state[3:6], state[0:3], matrix.ravel(), state[10:13]])
     rate, (_, _, pressure, xi, moment, *_) = other._derivative(scenario, 0.0, theirs)
-    mine, look = body.derivative(0.0, state), body.look(0.0, state)
+    mine, snapshot = body.derivative(0.0, state), body.snapshot(0.0, state)
     np.testing.assert_allclose(mine[3:6], rate[:3], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(mine[10:13], rate[15:18], rtol=1e-9, atol=1e-12)
-    assert look.dynamic_pressure == pytest.approx(pressure)
-    assert look.moment == pytest.approx(moment, rel=1e-9)
-    assert look.alpha == pytest.approx(np.arcsin(abs(xi)))
-    assert look.meridian == pytest.approx(np.arctan2(xi.real, xi.imag))
+    assert snapshot.dynamic_pressure == pytest.approx(pressure)
+    assert snapshot.moment == pytest.approx(moment, rel=1e-9)
+    assert snapshot.alpha == pytest.approx(np.arcsin(abs(xi)))
+    assert snapshot.meridian == pytest.approx(np.arctan2(xi.real, xi.imag))
 
 
 def test_flight_begins_as_drawn() -> None:
@@ -113,11 +113,11 @@ def test_flight_begins_as_drawn() -> None:
         start = draw_start(craft, np.random.default_rng(9))
         errors = draw_errors("industrial", 1.0, np.random.default_rng(9))
         body = Body(craft, start, errors, Planted(), PAD)
-        look = body.look(0.0, body.first_state(0.0))
-        assert look.alpha == pytest.approx(start.alpha, rel=1e-6)
-        assert look.meridian == pytest.approx(start.meridian, rel=1e-6)
-        assert look.speed == pytest.approx(craft.speed)
-        assert look.rates[0] == pytest.approx(start.roll_rate)
+        snapshot = body.snapshot(0.0, body.first_state(0.0))
+        assert snapshot.alpha == pytest.approx(start.alpha, rel=1e-6)
+        assert snapshot.meridian == pytest.approx(start.meridian, rel=1e-6)
+        assert snapshot.speed == pytest.approx(craft.speed)
+        assert snapshot.rates[0] == pytest.approx(start.roll_rate)
 
 
 @pytest.mark.parametrize(
@@ -136,9 +136,9 @@ def test_offset_centre_of_gravity_turns_the_body_by_the_axial_force() -> None:
     start = draw_start(CONE, np.random.default_rng(1))
     offset = replace(no_errors(), cg_offset=np.array([2e-3, -1e-3]))
     bodies = [Body(CONE, start, errors, Planted(), PAD) for errors in (no_errors(), offset)]
-    looks = [body.look(0.0, body.first_state(0.0)) for body in bodies]
-    change = looks[1].rates_change - looks[0].rates_change
-    axial = CONE.vehicle.mass * looks[0].force[0]
+    snapshots = [body.snapshot(0.0, body.first_state(0.0)) for body in bodies]
+    change = snapshots[1].rates_change - snapshots[0].rates_change
+    axial = CONE.vehicle.mass * snapshots[0].force[0]
     np.testing.assert_allclose(change[1:], np.array([1e-3, 2e-3]) * axial / CONE.vehicle.iyy, rtol=1e-9)
 
 
@@ -146,8 +146,8 @@ def test_tilted_axis_of_inertia_couples_roll_into_the_transverse_rates() -> None
     tilt = np.array([1e-3, -2e-3])
     start = replace(draw_start(CONE, np.random.default_rng(1)), coning=0.0, nutation=0.0)
     bodies = [Body(CONE, start, replace(no_errors(), principal_axis=axis), Planted(), PAD) for axis in (0 * tilt, tilt)]
-    looks = [body.look(0.0, body.first_state(0.0)) for body in bodies]
-    change = looks[1].rates_change - looks[0].rates_change
+    snapshots = [body.snapshot(0.0, body.first_state(0.0)) for body in bodies]
+    change = snapshots[1].rates_change - snapshots[0].rates_change
     # J = I + (Ix - I) a a', a the axis of inertia: -(omega x J omega) / I for a spin about x.
     axis = rotation(np.array([0.0, *tilt]))[:, 0]
     expected = (1.0 - CONE.vehicle.inertia_ratio) * start.roll_rate**2 * np.array([-axis[2], axis[1]])

@@ -1,4 +1,4 @@
-"""The oracle's columns account for the independent records, and its figures behave."""
+"""The ideal observer's columns account for the independent records, and its figures behave."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def _misfit(made: Made, ground: Ground, planted: float) -> float:
     """Mean square of the record's de-rolled rates, in noise, less what baseline, effects and truth explain."""
     flight = made.flight
     rates = (flight.q + 1j * flight.r) * np.exp(1j * ground.phase(flight.p))
-    left = ground.project(ground.whitened(rates - planted * ground.planted())[:, None])
-    return float(np.sum(left**2)) / (2.0 * flight.samples)
+    residual = ground.project(ground.whitened(rates - planted * ground.planted())[:, None])
+    return float(np.sum(residual**2)) / (2.0 * flight.samples)
 
 
 @pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (2, 4, 7, 18))])

@@ -78,7 +78,7 @@ def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed:
 
 
 def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
-    """Ramps had come to stand where jumps were: neither knot alone leads from there to the truth."""
+    """Ramps had replaced jumps: neither knot alone leads from there to the truth."""
     made = draw_flight(71140, truth="inplane", grade="tactical", noise=Noise(colour=0.47178061945354866))
     assert said(made).winner == "inplane"
 
@@ -181,7 +181,7 @@ def test_beside_such_a_bend_the_baseline_remains_in_the_credible_set() -> None:
     ],
 )
 def test_the_limit_of_a_plain_effect_is_its_size_and_little_more(seed: int, truth: str, grade: str) -> None:
-    """A short lag's fraction and delay make up for one another, and the measured moment holds errors of the axes."""
+    """A short lag's fraction and delay make up for one another, and the measured moment has errors of the axes."""
     made = draw_flight(seed, truth=truth, grade=grade)
     whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))
     planted = float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
@@ -219,7 +219,7 @@ def test_with_a_wind_along_the_track_the_baseline_suffices() -> None:
     ],
 )
 def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(seed: int, truth: str) -> None:
-    """Strong effects with industrial instruments, of which something smooth was left: "none adequate"."""
+    """Strong effects with industrial instruments, with a smooth residual: "none adequate"."""
     made = drawn_flight(seed, seed - 345000, "mixed", 1.0, 5, True, True)
     assert made.truth == truth
     assert said(made).winner == truth

@@ -1,4 +1,4 @@
-"""A step of the stiffness at a Mach number, and one at a time: one flight cannot part them, two flights can.
+"""A step of the stiffness at a Mach number, and one at a time: one flight cannot separate them, two flights can.
 
 By hand: python -m tests.studies.independent.two_flights --seed 1000 --pairs 10
 
@@ -33,9 +33,9 @@ _STREAM = 31
 
 @dataclass(frozen=True)
 class Outcome:
-    """One pair: what was planted, at how many limits, and what was told of the first flight alone and of both.
+    """One pair: what was planted, at how many limits, and what was reported of the first flight alone and of both.
 
-    `alone` and `both` are descriptions of what was added first; `near` what the first flight cannot tell from it.
+    `alone` and `both` are descriptions of what was added first; `near`: what the first flight cannot separate.
     """
 
     seed: int
@@ -49,7 +49,7 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Whether both flights tell what the step goes with: a Mach number, or the times of each."""
+        """Whether both flights show what the step goes with: a Mach number, or the times of each."""
         named = self.both.split(":")[0]
         by_mach = named == "mach_stiffness" or (named.startswith("discovered") and "Mach" in self.both)
         return by_mach if self.truth == "mach_step" else named == "inplane"

@@ -1,4 +1,4 @@
-"""What `trace` says of effects that no plugin has: the family that holds the residual, findings that are none.
+"""What `trace` says of effects that no plugin has: the family that explains the residual, findings that are none.
 
 By hand: python -m tests.studies.independent.undeclared_study --seed 1000 --flights 46 --jobs 2 [--grammar]
 
@@ -66,7 +66,7 @@ FAMILY |= {kind.name: kind.family for kind in grammar.KINDS}
 ALSO |= {"side alpha^1": ("magnus",), "two lobes alpha^1": ("stiffness_asymmetry",)}
 LARGER = (2.0, 8.0)  # times an ordinary size
 SHOWN = 1.2**0.5  # times the noise, the first residual's rms, from which there is something to explain
-MOST = 0.9  # of what is explained, that a set of families holds
+MOST = 0.9  # of what is explained, that a set of families explains
 _STREAM = 13
 
 
@@ -106,7 +106,7 @@ class Outcome:
 
     @property
     def most(self) -> tuple[str, ...]:
-        """The families that hold most of what is explained, the largest first."""
+        """The families that make most of what is explained, the largest first."""
         order = sorted(self.families, key=lambda each: -self.families[each])
         shares = np.cumsum([self.families[each] for each in order])
         return tuple(order[: int(np.searchsorted(shares, MOST * shares[-1])) + 1])

@@ -1,4 +1,4 @@
-"""Fits of what misleads them: when `converged` holds. See `python -m tests.studies.likelihood.study`.
+"""Fits of what misleads them: when `converged` is right. See `python -m tests.studies.likelihood.study`.
 
 An estimate is beyond 3 sigma where the errors of all its parameters together are: their sum of squares in units of
 their covariance exceeds what one fit in 370 does by chance. Robertson's reaction has rates nine decades apart, all
@@ -85,7 +85,7 @@ Corruption = Callable[[Segment, np.random.Generator], Segment]
 
 @dataclass(frozen=True)
 class Kind:
-    """Records of one kind: what was flown, for how many samples, how they were spoiled, how far off starts are."""
+    """Records of one kind: what was flown, for how many samples, how they were corrupted, how far off starts are."""
 
     name: str
     problem: ModelProblem

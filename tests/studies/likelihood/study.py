@@ -1,6 +1,6 @@
 """Statistics of `fit` over many simulated records: `python -m tests.studies.likelihood.study`.
 
-coverage: how often 95 % intervals hold the truth, with white and with coloured noise, and the spread of the
+coverage: how often 95 % intervals contain the truth, with white and with coloured noise, and the spread of the
 estimates against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting.
 delay: a delay started a tenth of a second off. filter: coverage of parameters and of both noises, all estimated.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
@@ -39,7 +39,7 @@ _SAME_MINIMUM = 0.5
 
 @dataclass(frozen=True)
 class Coverage:
-    """Share of trials in which each parameter's 95 % interval holds the truth.
+    """Share of trials in which each parameter's 95 % interval contains the truth.
 
     `white` and `coloured` (p,) are the shares without and with the correction; `efficiency` (p,) the rms
     error over the Cramer-Rao bound (white noise of known covariance); `converged` the share of trials that

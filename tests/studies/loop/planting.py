@@ -28,12 +28,12 @@ def another_flight(config: SimulationConfig, seed: int) -> SimulationConfig:
 
 
 def free_length(problem: Problem, column: FloatArray) -> float:
-    """Length of a whitened column beyond what the baseline takes over."""
+    """Length of a whitened column beyond what the baseline explains."""
     return float(np.linalg.norm(free_part(problem, column)))
 
 
 def free_part(problem: Problem, column: FloatArray) -> FloatArray:
-    """A whitened column (rows,) less what the baseline takes over of it."""
+    """A whitened column (rows,) less what the baseline explains of it."""
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
     return np.asarray(column - basis @ (basis.T @ column), dtype=float)

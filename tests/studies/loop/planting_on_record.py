@@ -43,7 +43,7 @@ def with_moment(
     as it was measured to turn at most: there nothing is known of its moments.
     """
     lift = _normal_force(flight, state)
-    rates, chi = _moved(flight, _course(flight, state, lift), mechanism, values, onset)
+    rates, chi = _moved(flight, _measured_motion(flight, state, lift), mechanism, values, onset)
     # C_y + i C_z = -C_malpha alpha (sin phi_w + i cos phi_w).
     force = -1j * lift * chi
     true = state.data.frame.reconstructions[0].corrected
@@ -64,7 +64,7 @@ _SENSED = ("q", "r", "ax", "ay", "az")
 def _as_read(true: Flight, state: Fit) -> Flight:
     """What the record's instruments read of this motion, with the errors that the reconstruction found in them.
 
-    A change of the motion that were read without them would contradict the record's own, and look like other errors.
+    A change of the motion that were read without them would contradict the record's own, and be fitted as other errors.
     """
     for error in state.data.frame.reconstructions[0].effects:
         effect = find_installed(error.effect)
@@ -88,7 +88,7 @@ def _normal_force(flight: Flight, state: Fit) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Course:
+class _MeasuredMotion:
     """A measured motion at the times of the integration (m,), SI; `flow` is chi = alpha exp(-i phi_w).
 
     The model's own moments: `static` (m, 3) in plane at no angle, and times alpha and alpha cubed, `damping` (m,) per
@@ -135,7 +135,7 @@ class _Course:
         )
 
 
-def _course(flight: Flight, state: Fit, lift: FloatArray) -> _Course:
+def _measured_motion(flight: Flight, state: Fit, lift: FloatArray) -> _MeasuredMotion:
     motion = state.data.frame.motions[0]
     count = (flight.samples - 1) * 2 * _STEPS + 1
     time = np.interp(np.arange(count) / (2 * _STEPS), np.arange(flight.samples), flight.time)
@@ -146,7 +146,7 @@ def _course(flight: Flight, state: Fit, lift: FloatArray) -> _Course:
 
     flow = CubicSpline(flight.time, motion.alpha * np.exp(-1j * motion.windward_meridian))
     static, damping = _own_moments(state, motion)
-    return _Course(
+    return _MeasuredMotion(
         time=time,
         flow=flow(time),
         flow_rate=flow(time, 1),
@@ -181,23 +181,23 @@ def _own_moments(state: Fit, motion: Motion) -> tuple[list[FloatArray], FloatArr
 
 
 def _moved(
-    flight: Flight, course: _Course, mechanism: Mechanism, values: Sequence[float], onset: float | None
+    flight: Flight, measured: _MeasuredMotion, mechanism: Mechanism, values: Sequence[float], onset: float | None
 ) -> tuple[ComplexArray, ComplexArray]:
     """Changes of the transverse rates q + i r (n,) and of chi (n,), from none at the start (Runge and Kutta)."""
-    gyration, largest = 1.0 - flight.vehicle.inertia_ratio, _LARGEST * float(np.max(np.abs(course.flow)))
+    gyration, largest = 1.0 - flight.vehicle.inertia_ratio, _LARGEST * float(np.max(np.abs(measured.flow)))
     begin = float(flight.time[0]) if onset is None else onset
 
     def slope(place: int, state: ComplexArray) -> ComplexArray:
         rate, chi = complex(state[0]), complex(state[1])
-        spin = 1j * float(course.known["p"][place])
-        change = rate - (spin + float(course.lift[place])) * chi
-        before = complex(course.flow[place])
-        moment = course.own(place, before + chi) - course.own(place, before) + float(course.damping[place]) * rate
-        if course.time[place] >= begin:
-            total = complex(course.rates[place]) + rate
-            after = course.motion(place, before + chi, complex(course.flow_rate[place]) + change, total)
+        spin = 1j * float(measured.known["p"][place])
+        change = rate - (spin + float(measured.lift[place])) * chi
+        before = complex(measured.flow[place])
+        moment = measured.own(place, before + chi) - measured.own(place, before) + float(measured.damping[place]) * rate
+        if measured.time[place] >= begin:
+            total = complex(measured.rates[place]) + rate
+            after = measured.motion(place, before + chi, complex(measured.flow_rate[place]) + change, total)
             moment += _moment(mechanism, after, values)
-        return np.array([float(course.scale[place]) * moment - gyration * spin * rate, change])
+        return np.array([float(measured.scale[place]) * moment - gyration * spin * rate, change])
 
     out = np.zeros((flight.samples, 2), dtype=complex)
     for k in range(flight.samples - 1):
@@ -209,7 +209,7 @@ def _moved(
             d = slope(first + 2, state + step * c)
             state = state + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         out[k + 1] = state
-        turned = abs(complex(course.flow[2 * _STEPS * (k + 1)]) + complex(state[1]))
+        turned = abs(complex(measured.flow[2 * _STEPS * (k + 1)]) + complex(state[1]))
         if not turned <= largest:
             raise UnanswerableError(
                 f"this moment would turn the vehicle to {turned:.2g} rad at {flight.time[k + 1]:.1f} s, and no more "

@@ -1,9 +1,9 @@
-"""Errors of the record that change along it, planted into a measured record: which family of processes holds them?
+"""Errors of the record that change along it, planted into a measured record: which family of processes explains them?
 
 By hand: python -m tests.studies.loop.record_error_study FLIGHT.h5 --instruments FILE --times 1,10 --seeds 3
 
-Air whose density is off by a layer or a smooth course in altitude, and gyros that drift steadily or as a random walk,
-at so many times what is ordinary: 2 % of density, 0.05 deg/s. Each line has the family that is first, those that hold
+Air whose density is off by a layer or a smooth profile in altitude, and gyros that drift steadily or as a random walk,
+at so many times what is ordinary: 2 % of density, 0.05 deg/s. Each line has the family that is first, those that make
 90 % of what is explained, and of the family that was planted the share and the log evidence that it gains beside those
 before it, and the same of the record as it is. `next` is the family that is first once the first one is explained.
 """
@@ -24,9 +24,9 @@ from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.result import Family
 from tests.studies.independent.imperfections import SCALE_HEIGHT, lines
 
-MOST = 0.9  # of what is explained, that a set of families holds
+MOST = 0.9  # of what is explained, that a set of families explains
 NONE = Family(family="", share=0.0, interval_95=(0.0, 0.0))
-# Longest and shortest wave of a course of density, m, as `imperfections` has them, and the layer's half thickness.
+# Longest and shortest wave of a profile of density, m, as `imperfections` has them, and the layer's half thickness.
 _WAVES = (4.0 * SCALE_HEIGHT, 2000.0)
 _LAYER = 0.5 * SCALE_HEIGHT
 
@@ -38,10 +38,10 @@ def _layer(flight: Flight, size: float, draw: np.random.Generator) -> Flight:
     return _denser(flight, size * draw.choice([-1.0, 1.0]) * np.exp(-(((height - middle) / _LAYER) ** 2)))
 
 
-def _course(flight: Flight, size: float, draw: np.random.Generator) -> Flight:
-    """Air with a density that is off by a random course in altitude of rms `size`."""
-    course = lines(draw, size, *(2.0 * np.pi / wave for wave in _WAVES))
-    return _denser(flight, np.array([float(course.at(height)[0]) for height in _altitude(flight)]))
+def _profile(flight: Flight, size: float, draw: np.random.Generator) -> Flight:
+    """Air with a density that is off by a random profile in altitude of rms `size`."""
+    profile = lines(draw, size, *(2.0 * np.pi / wave for wave in _WAVES))
+    return _denser(flight, np.array([float(profile.at(height)[0]) for height in _altitude(flight)]))
 
 
 def _altitude(flight: Flight) -> FloatArray:
@@ -81,7 +81,7 @@ class Kind:
 
 KINDS = {
     "layer": Kind("air", 0.02, "of density", _layer),
-    "course": Kind("air", 0.02, "of density", _course),
+    "course": Kind("air", 0.02, "of density", _profile),
     "ramp": Kind("gyros", float(np.radians(0.05)), "rad/s", _ramp),
     "walk": Kind("gyros", float(np.radians(0.05)), "rad/s", _walk),
 }
@@ -94,7 +94,7 @@ def planted(flight: Flight, kind: str, times: float, seed: int) -> Flight:
 
 
 def most(result: Trace) -> list[str]:
-    """The families that hold most of what is explained of the first residual, the largest first."""
+    """The families that make most of what is explained of the first residual, the largest first."""
     found = result.steps[0].decomposition
     shares = np.cumsum([each.share for each in found])
     return [each.family for each in found[: int(np.searchsorted(shares, MOST * shares[-1])) + 1]]
@@ -114,12 +114,12 @@ def line(what: str, family: str, result: Trace, record: Trace) -> str:
     found = ", ".join([*result.findings, *(f"{name} (hint)" for name in result.hints)]) or "nothing"
     return (
         f"{what}: residual {step.residual.noise_ratio:.0f} times the noise, first {first.family} {first.share:.0%}, "
-        f"next {others[0].family if others else 'none'}, 90 % {', '.join(most(result))}; {family} {_told(own)}, "
-        f"without it {_told(before)}{', rises' if rises else ''}{warned}; found {found}"
+        f"next {others[0].family if others else 'none'}, 90 % {', '.join(most(result))}; {family} {_in_words(own)}, "
+        f"without it {_in_words(before)}{', rises' if rises else ''}{warned}; found {found}"
     )
 
 
-def _told(family: Family) -> str:
+def _in_words(family: Family) -> str:
     low, high = family.interval_95
     return f"{family.share:.1%} ({low:.1%} to {high:.1%}), {family.evidence:.0f} nats"
 
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     flight = load_flight(given.flight, instruments=given.instruments)
     settings = TraceConfig() if given.effects else TraceConfig(effects=(), discover=False)
     record = trace(flight, settings)
-    shares = (f"{each.family} {_told(each)}" for each in record.steps[0].decomposition)
+    shares = (f"{each.family} {_in_words(each)}" for each in record.steps[0].decomposition)
     print(f"the record itself: {'; '.join(shares)}", flush=True)
     for kind in given.kinds.split(","):
         for times in map(float, given.times.split(",")):

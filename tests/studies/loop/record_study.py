@@ -53,10 +53,10 @@ def ground(flight: Flight, steps: int) -> Ground:
     settings = TraceConfig(max_steps=max(steps, 1))
     if steps == 0:
         settings = settings.model_copy(update={"effects": (), "discover": False})
-    return standing_on(flight, trace(flight, settings).model.definition)
+    return with_model(flight, trace(flight, settings).model.definition)
 
 
-def standing_on(flight: Flight, found: SavedModel) -> Ground:
+def with_model(flight: Flight, found: SavedModel) -> Ground:
     """The record with a model that was found on it."""
     settings = TraceConfig()
     with threadpool_limits(limits=1, user_api="blas"):
@@ -78,26 +78,26 @@ def planted(base: Ground, effect: str, times: float, seed: int, onset: float | N
     if item.parameters():
         raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
     motion = base.state.data.frame.motions[0]
-    asked = _unbent(base) if is_bend(item, motion) else base
+    ground_of = _unbent(base) if is_bend(item, motion) else base
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
     begin = None if item.time_variation == ("constant",) else onset
-    values = times * _limit(asked.here, effect, names, direction, begin) * direction
+    values = times * _limit(ground_of.here, effect, names, direction, begin) * direction
     try:
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
     except UnanswerableError:
         values = -values
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
-    told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
-    told += "" if begin is None else f" from {begin:.0f} s"
-    there, shown = limits_there(asked, flight, item, values, begin)
-    return flight, f"{told}, {there:.1f} limits on the motion that it makes, of which the record shows {shown:.1f}"
+    words = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
+    words += "" if begin is None else f" from {begin:.0f} s"
+    there, shown = limits_there(ground_of, flight, item, values, begin)
+    return flight, f"{words}, {there:.1f} limits on the motion that it makes, of which the record shows {shown:.1f}"
 
 
 def _unbent(base: Ground) -> Ground:
-    """The record with a model whose static moment does not bend: of that the loop asks whether it does."""
+    """The record with a model whose static moment does not bend: the loop tests whether it does."""
     columns = tuple(column for column in base.model.columns if column.mechanism != StaticBend.name)
-    return standing_on(base.flight, base.model.model_copy(update={"columns": columns, "bend": None}))
+    return with_model(base.flight, base.model.model_copy(update={"columns": columns, "bend": None}))
 
 
 def limits_there(
@@ -105,13 +105,13 @@ def limits_there(
 ) -> tuple[float, float]:
     """How many detection limits the planted moment is on the record that it made, and how many that record shows.
 
-    It acts on the changed motion. The first counts what the model leaves as noise, which no moment goes with. On a
-    record that the model does not explain, what is left and what is fitted along may take up the planted moment, or
+    It acts on the changed motion. The first counts the model's residual as noise, which no moment goes with. On a
+    record that the model does not explain, residual and nuisance effects may absorb the planted moment, or
     give as much again: the second is what there is of it beside the model, at its time and with its terms.
     """
     model = restored(base.model, (flight,))
     names = [term.name for term in item.terms(base.state.data.frame.motions[0], {})]
-    own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
+    own = tuple(Regressor(item.name, name, (), _time_basis(onset), "1") for name in names)
     settings = TraceConfig()
     both = model + Model(mechanisms={item.name: item}, columns=own)
     with threadpool_limits(limits=1, user_api="blas"):
@@ -120,9 +120,9 @@ def limits_there(
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values
         problem = replace(problem, baseline=others)
-        there, left = 1.0 / _limit_of(problem, moment), free_part(problem, problem.response)
+        there, residual = 1.0 / _limit_of(problem, moment), free_part(problem, problem.response)
         free = free_part(problem, moment)
-        return there, there * float(free @ left) / float(free @ free)
+        return there, there * float(free @ residual) / float(free @ free)
 
 
 def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator) -> tuple[Flight, str]:
@@ -146,23 +146,23 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
         )
     component = possible[int(draw.integers(len(possible)))]
     value = float(times * limits[component])
-    told = f"{component.name} {value:.3g} {component.units}, {value / component.size:.1f} of its tolerance"
-    return effect.perturb(base.flight, component.name, value), told
+    words = f"{component.name} {value:.3g} {component.units}, {value / component.size:.1f} of its tolerance"
+    return effect.perturb(base.flight, component.name, value), words
 
 
 def _limit(here: Fit, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
     """Detection limit along a direction of the terms, as a multiple of it.
 
-    A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
+    The residual of a measured record is more than noise, of long correlation: the limit counts it, and its effective
     samples.
     """
     problem = replace(here.problem, efficiency=here.problem.efficiency_of(here.null.residual))
     frame = problem.frame.with_mechanisms([find(effect)])
-    columns = [Regressor(effect, name, (), _course(onset), "1") for name in names]
+    columns = [Regressor(effect, name, (), _time_basis(onset), "1") for name in names]
     return _limit_of(problem, problem.design(frame, columns) @ direction)
 
 
-def _course(onset: float | None) -> TimeBasis:
+def _time_basis(onset: float | None) -> TimeBasis:
     return TimeBasis("constant") if onset is None else TimeBasis("jump", onset)
 
 
@@ -214,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
     flight = load_flight(given.flight, instruments=given.instruments).window(given.start, given.stop)
-    base = standing_on(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
+    base = with_model(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):

@@ -130,10 +130,10 @@ def test_a_mechanism_with_a_delay_is_not_planted(base: Ground) -> None:
 
 @pytest.mark.thorough
 def test_an_error_of_an_instrument_is_planted_at_its_own_limit(base: Ground) -> None:
-    """Within its prior nothing is seen below five tolerances: twice that is ten at least."""
+    """Within its prior nothing is detected below five tolerances: twice that is ten at least."""
     flight, size = planted(base, "time_skew", 2.0, 1)
-    told = float(size.split(", ")[1].split(" ")[0])
-    assert 10.0 <= told <= 30.0
+    tolerances = float(size.split(", ")[1].split(" ")[0])
+    assert 10.0 <= tolerances <= 30.0
     assert np.any(flight.q != base.flight.q) or np.any(flight.ay != base.flight.ay)
 
 

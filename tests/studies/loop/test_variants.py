@@ -71,10 +71,10 @@ def test_seven_variants_change_one_thing_each() -> None:
     assert len(found) == 7
     for variant in found:
         changed = variant.change(flight)
-        told = [
+        changes = [
             variant.blocks is not None,
             changed.samples < flight.samples,
             changed.vehicle != flight.vehicle,
             changed.samples == flight.samples and not np.array_equal(changed.dynamic_pressure, flight.dynamic_pressure),
         ]
-        assert sum(told) == 1, variant.name
+        assert sum(changes) == 1, variant.name

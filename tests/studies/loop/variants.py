@@ -75,7 +75,7 @@ def times_of(result: Trace, name: str) -> tuple[float, ...]:
 
 
 def persists(name: str, base: Trace, other: Trace, also: str | None = None) -> bool | None:
-    """Whether a finding of `base` is one of `other`; None where that does not hold its region."""
+    """Whether a finding of `base` is one of `other`; None where that has not its region."""
     times, span = times_of(base, name), base.flight.stop_s - base.flight.start_s
     inside = [time for time in times if other.flight.start_s < time < other.flight.stop_s]
     if times and not inside:
@@ -90,11 +90,11 @@ def persists(name: str, base: Trace, other: Trace, also: str | None = None) -> b
 
 def line(label: str, result: Trace) -> str:
     """A trace in words: what each step adds, with the held-out error before and after."""
-    steps = "; ".join(_told(step) for step in result.steps if step.added is not None)
+    steps = "; ".join(_in_words(step) for step in result.steps if step.added is not None)
     return f"{label}: {steps or 'nothing is added'}"
 
 
-def _told(step: Step) -> str:
+def _in_words(step: Step) -> str:
     after = step.error_after.held_out if step.error_after is not None else float("nan")
     return (
         f"{step.status} {step.added} ({step.description}) {step.error_before.held_out:.3g} to {after:.3g}, ratio "
@@ -103,12 +103,14 @@ def _told(step: Step) -> str:
 
 
 def report(base: Trace, others: Sequence[tuple[Variant, Trace]]) -> Iterable[str]:
-    """In how many variants that hold its region each finding persists."""
+    """In how many variants with its region each finding persists."""
     for name in base.findings:
-        held = {variant.name: persists(name, base, other, variant.also) for variant, other in others}
-        asked = {variant: found for variant, found in held.items() if found is not None}
-        lost = [variant for variant, found in asked.items() if not found]
-        yield f"{name} persists in {sum(asked.values())} of {len(asked)}" + (f", not in {', '.join(lost)}" * bool(lost))
+        persistent = {variant.name: persists(name, base, other, variant.also) for variant, other in others}
+        applicable = {variant: found for variant, found in persistent.items() if found is not None}
+        lost = [variant for variant, found in applicable.items() if not found]
+        yield f"{name} persists in {sum(applicable.values())} of {len(applicable)}" + (
+            f", not in {', '.join(lost)}" * bool(lost)
+        )
     for variant, other in others:
         more = [name for name in other.findings if name not in base.findings]
         if more:

@@ -28,7 +28,7 @@ def spline_problem(knots: int = 15, seed: int = 1, noise: float = 2e-5) -> tuple
     """Jumps and ramps in C_m0 and C_malpha at each knot: 4 columns a knot, 826 samples (Section 5.3.1).
 
     The jump in C_m0 at the first knot is the constant. The first 15 knots are those of Table 5.5; more are
-    spread evenly between them. The response holds the nine-term model of Table 5.5 and coloured noise.
+    spread evenly between them. The response has the nine-term model of Table 5.5 and coloured noise.
     """
     rng = np.random.default_rng(seed)
     t = TABLE_5_5_KNOTS[0] + SAMPLE_S * np.arange(826)

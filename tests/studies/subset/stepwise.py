@@ -50,10 +50,10 @@ def _path(frame: Frame, max_size: int, f_enter: float, f_remove: float, samples:
         chosen, rss = entered[1], entered[2]
         visited.add(chosen)
         yield chosen
-        while (left := _least_exit(frame, chosen, rss, samples)) is not None and left[0] < f_remove:
-            if left[1] in visited:
+        while (leaving := _least_exit(frame, chosen, rss, samples)) is not None and leaving[0] < f_remove:
+            if leaving[1] in visited:
                 break
-            chosen, rss = left[1], left[2]
+            chosen, rss = leaving[1], leaving[2]
             visited.add(chosen)
             yield chosen
 
