@@ -54,7 +54,7 @@ def outcome(
 
 
 def stored(folder: Path) -> list[dict[str, Any]]:
-    """The outcomes that a study's folder holds, read from a copy: the process that flies has the database locked."""
+    """The outcomes in a study's folder, read from a copy: the process that flies has the database locked."""
     with tempfile.TemporaryDirectory() as copies:
         for path in folder.glob(FLIGHTS + "*"):  # the database, and the journal that a killed process leaves
             shutil.copy(path, copies)
