@@ -1,4 +1,4 @@
-"""Complete enumeration of small problems, sharing nothing with the search: the oracle of the tests."""
+"""Complete enumeration of small problems, sharing nothing with the search: the tests' reference."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def enumerate_subsets(
 def representatives(X: Array, forced: Sequence[int], named: set[int]) -> list[int]:
     """Columns to search: not inside the forced span, and one of every class of parallel ones.
 
-    Columns that a rule names stand for themselves.
+    Columns that a rule names are not merged.
     """
     base = X[:, list(forced)]
     kept: list[int] = []

@@ -1,4 +1,4 @@
-"""`best_subsets` by a kernel of one's choice, which a user leaves to the search."""
+"""`best_subsets` by a kernel of one's choice, which for users the search chooses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BUDGETS = {"numpy": np.inf, "numba-schur": 0.0}
 
 
 def best_subsets_by(kernel: str, *arguments: Any, **options: Any) -> SubsetResult:
-    """The same search, all in numpy, or compiled from the first node where that is possible; "auto" leaves it."""
+    """The same search in numpy, compiled from the first node where that is possible; or as it chooses ("auto")."""
     if kernel == "auto":
         return best_subsets(*arguments, **options)
     with patch.object(best, "_numpy_budget", lambda _: BUDGETS[kernel]):

@@ -1,4 +1,4 @@
-"""Columns that depend on others: named, searched around, refused where only rounding tells them apart."""
+"""Columns that depend on others: named, searched around, refused where only rounding distinguishes them."""
 
 from __future__ import annotations
 

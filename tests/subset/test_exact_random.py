@@ -34,7 +34,7 @@ class Problem:
         return columns | {c for own in self.parents.values() for c in own}
 
     def allowed(self, subset: frozenset[int], candidates: set[int]) -> bool:
-        """The rules; a column inside the forced span adds nothing and holds nobody back."""
+        """The rules; a column inside the forced span adds nothing and excludes no other."""
         for group in self.groups:
             members = set(group.columns) & candidates
             inside = len(subset & members)
