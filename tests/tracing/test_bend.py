@@ -54,8 +54,8 @@ def bend_of(result: Trace) -> tuple[float, float]:
     return term.value, term.std_error
 
 
-def model_of(flight: Flight, aero: AeroTable | None = None, held: tuple[str, ...] = ()) -> Model:
-    return start_model(Flights((flight,), TraceConfig(aero=aero)), [find(name) for name in held])
+def model_of(flight: Flight, aero: AeroTable | None = None, fixed: tuple[str, ...] = ()) -> Model:
+    return start_model(Flights((flight,), TraceConfig(aero=aero)), [find(name) for name in fixed])
 
 
 @pytest.mark.thorough
@@ -94,12 +94,12 @@ def test_the_saved_model_predicts_a_sister_by_its_bend(tmp_path_factory: pytest.
     path.write_text(model_text(traced(*OTHERS).model.definition), encoding="utf-8")
     model = read_model(path)
     sister = simulate(another_flight(bent_cone(), 4), seed=13).flight
-    held = predict(sister, model)
-    assert "C_malpha3" in {term.name for term in held.frozen}
+    fixed = predict(sister, model)
+    assert "C_malpha3" in {term.name for term in fixed.frozen}
     columns = tuple(c.model_copy(update={"value": 0.0}) if c.mechanism == StaticBend.name else c for c in model.columns)
     without = predict(sister, model.model_copy(update={"columns": columns}))
-    assert held.error.frozen < 1.05 * held.error.own
-    assert without.error.frozen > 2.0 * held.error.frozen
+    assert fixed.error.frozen < 1.05 * fixed.error.own
+    assert without.error.frozen > 2.0 * fixed.error.frozen
 
 
 @pytest.mark.thorough
@@ -133,7 +133,7 @@ def test_a_table_by_angle_of_attack_says_how_it_bends(alphas: tuple[float, ...],
 
 
 def test_a_fixed_term_of_the_start_has_no_prior_beside_it() -> None:
-    assert StaticBend.name not in model_of(nominal().flight, held=("cubic_stiffness",)).mechanisms
+    assert StaticBend.name not in model_of(nominal().flight, fixed=("cubic_stiffness",)).mechanisms
 
 
 @pytest.mark.parametrize(("name", "expected"), [("cubic_stiffness", True), ("magnus", False), ("inplane", False)])

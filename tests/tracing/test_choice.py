@@ -1,4 +1,4 @@
-"""Which candidate is added, and how the candidates are told."""
+"""Which candidate is added, and how the candidates are reported."""
 
 from __future__ import annotations
 
@@ -249,7 +249,7 @@ def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, s
 
 
 @pytest.mark.parametrize(
-    ("earlier", "gone", "told"),
+    ("earlier", "gone", "reported"),
     [
         ([], (), False),
         ([("finding", "lag")], (), False),
@@ -261,14 +261,14 @@ def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, s
     ],
 )
 def test_what_is_found_beside_hints_is_a_hint(
-    earlier: list[tuple[Any, str | None]], gone: tuple[str, ...], told: bool
+    earlier: list[tuple[Any, str | None]], gone: tuple[str, ...], reported: bool
 ) -> None:
-    """On Opportunity's record a constant body-fixed moment, of a moment that drifts in the body, stood as a finding."""
+    """On Opportunity's record a constant body-fixed moment, of a moment that drifts in the body, was a finding."""
     known = [Step.model_construct(status=status, added=name) for status, name in earlier]
     last = Step.model_construct(status="finding", added="magnus", removed=gone)
     steps = beside_hints([*known, last])
-    assert steps[-1].doubts == (("it rests on an earlier hint",) if told else ())
-    assert (steps[-1].status == "hint") is told
+    assert steps[-1].doubts == (("it rests on an earlier hint",) if reported else ())
+    assert (steps[-1].status == "hint") is reported
 
 
 def test_what_follows_a_step_that_the_final_model_demotes_is_a_hint() -> None:
@@ -282,7 +282,7 @@ def test_what_follows_a_step_that_the_final_model_demotes_is_a_hint() -> None:
 
 @dataclass(frozen=True)
 class Again:
-    """Stands for what is beside all processes: in each repetition its `rows` say what an effect gains."""
+    """In place of the evidence beside all processes: in each repetition its `rows` say what an effect gains."""
 
     rows: dict[str, float]
 
@@ -304,7 +304,7 @@ def test_a_repetition_names_what_leads_it_and_is_wanted_there(
 
 
 def test_what_few_repetitions_name_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It predicts more with these blocks and knots alone: so one of 251 flights with one effect was told a second."""
+    """It predicts more with these blocks and knots alone: so a second was added on one of 251 flights."""
     result = chosen([candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)], "trim", monkeypatch)
     for share in (0.0, 0.4):
         unnamed = replace(result, named_in=share)

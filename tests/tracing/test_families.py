@@ -1,4 +1,4 @@
-"""Which family of processes holds a residual, and whether an effect is wanted beside all of them."""
+"""Which family of processes explains a residual, and whether an effect is needed beside all of them."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
 
 @pytest.mark.parametrize(("gains", "named"), [((2.9, 1.0), []), ((9.0, 3.5), ["air", "body"]), ((9.0, 2.9), ["air"])])
 def test_a_family_explains_some_only_where_the_evidence_gains(gains: tuple[float, float], named: list[str]) -> None:
-    """The first is held against none at all, as the next ones against those before."""
+    """The first is compared with none at all, as the next ones against those before."""
     each = dict(zip(("air", "body"), gains, strict=True))
     groups = [SimpleNamespace(family=family) for family in each]
 
@@ -156,7 +156,7 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
 
 
 def test_an_applied_correction_is_weighed_on_the_record_as_it_reads() -> None:
-    """A step of the wind taken out of a record that has none; of its value a share was put back.
+    """A step of the wind subtracted from a record that has none; of its value a share was put back.
 
     It is paid for as one of all steps that were searched, not of those about the time that was found.
     """

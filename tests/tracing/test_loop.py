@@ -44,7 +44,7 @@ def instrument(effect: str, component: str, value: float) -> SimulationConfig:
 
 
 # What tactical tolerances allow is no effect: the trim is of 7 mm, the scale of 20 tolerances. The asymmetry is so
-# large that what it does stands out of the noise of held-out blocks.
+# large that its effect exceeds the noise of held-out blocks.
 CASES = {
     "trim": planted("trim", {"C_m0": 1e-3, "C_n0": -6e-4}),
     "magnus": planted("magnus", {"C_npalpha": -1.0}),
@@ -74,7 +74,7 @@ def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
     assert step.added == name
     assert step.error_after is not None
     assert step.error_ratio_held_out is not None
-    # Held at zero, what has a tolerance is partly taken over by what else has one.
+    # Fixed at zero, what has a tolerance is partly absorbed by what else has one.
     tolerated = name in ("trim", "gyro_scale")
     assert step.error_ratio_held_out < (1.2 if tolerated else 1.0)
     assert step.error_after.held_out < 1.2 * result.noise
@@ -121,7 +121,7 @@ def test_the_shortest_record_is_traced_with_fewer_blocks_where_repeated() -> Non
 @pytest.mark.shared
 @pytest.mark.slow
 def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None:
-    """From constant stiffness; what is left with it is found by the trace that the manual tells of."""
+    """From constant stiffness; its residual is explained by the trace in the manual."""
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     result = trace(flight, TraceConfig(baseline="constant", max_steps=1))
     assert result.findings == ("mach_stiffness",)
@@ -187,7 +187,7 @@ def test_what_a_trace_found_and_what_families_explain_is_one_sentence() -> None:
 
 
 def test_where_nothing_is_added_the_next_step_is_said() -> None:
-    """Once a trace without a name ended there; a family that holds most is what to look at, unless what is left is
+    """Once a trace without a name ended there; a family that explains most is to be studied, unless the residual is
     noise."""
     traced = traced_trim()
     residual = traced.steps[0].residual.model_copy(update={"white": False})
@@ -228,12 +228,12 @@ def test_what_has_no_tolerance_is_said_to_lower_the_error() -> None:
     ratio = step.error_after.held_out / step.error_before.held_out if step.error_after else np.nan
     first = step.model_copy(update={"error_ratio_held_out": ratio})
     document = trace_document(traced.model_copy(update={"findings": ("trim",), "steps": (first,)}))
-    left = share(traced.account[-1].held_out / first.error_before.held_out)
-    assert document.conclusion.splitlines()[0] == f"With trim, the held-out error is {left} of what it is without."
+    remaining = share(traced.account[-1].held_out / first.error_before.held_out)
+    assert document.conclusion.splitlines()[0] == f"With trim, the held-out error is {remaining} of what it is without."
 
 
 def test_a_trim_beyond_its_tolerance_is_found_where_the_rest_is_noise() -> None:
-    """Processes that the evidence does not want take some of the noise with them: once "the model is inadequate"."""
+    """Processes without evidence explain some of the noise: once "the model is inadequate"."""
     result = trace(simulate(trimmed_cone((-3e-4, 2.5e-4)), seed=3), ONE_EFFECT)
     assert result.findings == ("trim",)
     assert result.steps[0].exceeds_tolerance

@@ -1,4 +1,4 @@
-"""The model as it settled on a flight: it is judged where it is linearised, and knows how well its sizes are known."""
+"""The converged model of a flight: it is judged where it is linearised, and knows how well its sizes are known."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
     flight = nominal().flight
     model = start_model(Flights((flight,), CONFIG), [find("trim")])
     assert "trim" in [mechanism.name for mechanism in model.tolerated(flight)]
-    held = model.but(columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
-    assert "trim" not in [mechanism.name for mechanism in held.tolerated(flight)]
+    fixed = model.but(columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
+    assert "trim" not in [mechanism.name for mechanism in fixed.tolerated(flight)]
     result = traced_trim()
     found = {term.name: term for term in result.model.terms if term.mechanism == "trim"}
     for name, planted in zip(("C_m0", "C_n0"), TRIM, strict=True):
@@ -81,7 +81,7 @@ def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearis
 def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_better() -> None:
     """Three powers of a Mach number that changes by 2 % are nearly one column.
 
-    Once was not enough: a third of what it left was its own, and a moment that turns with the roll a finding.
+    Once was not enough: a third of its residual was its own, and a moment that turns with the roll a finding.
     """
     source = Flights((sized(232010, "reynolds_stiffness").made.flight,), CONFIG)
     model = start_model(source, [find("mach_stiffness")])

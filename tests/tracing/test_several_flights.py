@@ -69,7 +69,7 @@ def test_each_flight_has_its_trim(result: Trace, number: int) -> None:
     terms = {term.name: term for term in result.model.terms}
     for name, planted in zip(("C_m0", "C_n0"), TRIMS[number], strict=True):
         found = terms[f"{name} [flight {number + 1}]"]
-        # Beside a c.g. offset within its tolerance, which every fit holds.
+        # Beside a c.g. offset within its tolerance, which every fit includes.
         assert abs(found.value - planted) < 0.15 * 1.2e-3
 
 
