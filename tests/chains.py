@@ -1,4 +1,4 @@
-"""Traces and comparisons that many tests look at: each is made once, of one settings, and changed by nobody."""
+"""Traces and comparisons that many tests share: each is made once, of one settings, and never changed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """How many examples a property is tried on: few in the quick run, a hundred where thorough tests run. None is timed.
 
 Linear algebra takes one thread: problems are small, and more would only cost. Plugins that are files are those of one
-test: commands that are run in this process would leave theirs to the next.
+test: commands that are run in this process would pass theirs on to the next.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ settings.register_profile("thorough", settings(), max_examples=100, deadline=Non
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """`--hypothesis-profile` comes after this and stands in its place."""
+    """`--hypothesis-profile` comes after this and replaces it."""
     threadpool_limits(limits=1)
     settings.load_profile("quick" if "not thorough" in config.option.markexpr else "thorough")
 

@@ -1,4 +1,4 @@
-"""Simulated flights that many tests share: each is flown once, and changed by nobody."""
+"""Simulated flights that many tests share: each is flown once, and never changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The likelihood and the subset search stand alone: copied out with four small modules they pass their tests."""
+"""The likelihood and the subset search work alone: copied out with four small modules they pass their tests."""
 
 from __future__ import annotations
 

@@ -224,8 +224,8 @@ class TestPlot:
         again = Comparison.from_json(compared.to_json())
         (axes,) = again.plot().axes
         assert axes.get_xlabel() == "probability, %"
-        held = "evidence, probability, limits, cp, errors, static-offset, static-slope, damping, coefficients-damping"
-        with pytest.raises(UsageError, match=rf"has: {held}\. The others .* no part of its JSON"):
+        charts = "evidence, probability, limits, cp, errors, static-offset, static-slope, damping, coefficients-damping"
+        with pytest.raises(UsageError, match=rf"has: {charts}\. The others .* no part of its JSON"):
             again.plot("moments")
 
     def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:

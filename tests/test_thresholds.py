@@ -1,4 +1,4 @@
-"""What decides a fault of a record stands in one file, each entry with its unit, its meaning and its source."""
+"""What decides a fault of a record is in one file, each entry with its unit, its meaning and its source."""
 
 from __future__ import annotations
 
