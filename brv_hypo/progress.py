@@ -32,7 +32,7 @@ Progress = Report | Bar
 
 
 def silent(fraction: float | None, text: str) -> None:
-    """Report to nobody."""
+    """Report nothing."""
 
 
 def report_to(progress: Progress | None) -> Report:

@@ -70,7 +70,7 @@ class Tabular:
         """The result in a few words."""
 
     def conclusion(self) -> str:
-        """What follows from it, in a sentence or two; empty where it speaks for itself."""
+        """What follows from it, in a sentence or two; empty where none is needed."""
         return ""
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 `settings_of` and `problems_of` have one wording for what is wrong: each setting, the value that it has and
 what is expected. `takes_settings` gives a function the settings as keywords. `commented` writes a YAML file in which
-every setting stands at its default, below its meaning, which is the description of the model's field.
+every setting has its default, below its meaning, which is the description of the model's field.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
 
 
 def commented(model: type[BaseModel], title: str) -> str:
-    """A YAML file that sets nothing: each setting stands commented out at its default, below what it means."""
+    """A YAML file that sets nothing: each setting is commented out at its default, below what it means."""
     lines = [f"# {title}", "# Every setting is at its default; take away the # before one to change it.", ""]
     for name, field in model.model_fields.items():
         lines += [f"# {line}" for line in textwrap.wrap(field.description or "", 100)]

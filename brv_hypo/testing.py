@@ -24,7 +24,7 @@ from brv_hypo.simulation.instruments import with_errors
 from brv_hypo.tracing import Trace, TraceConfig, trace
 
 VEHICLE = "research_cone"
-DURATION, SAMPLE_RATE = 4.0, 100.0  # s and Hz: short enough for a test, long enough to tell a mechanism that matters
+DURATION, SAMPLE_RATE = 4.0, 100.0  # s and Hz: short enough for a test, long enough to show a mechanism that matters
 
 
 def check_mechanism(mechanism: Mechanism | RecordEffect) -> None:

@@ -1,8 +1,8 @@
 """Thresholds that decide whether a record is faulty, a mechanism named or an effect found: value, unit, source.
 
 A threshold is a plain number where it is used; its entry in `THRESHOLDS` says the rest, and `source` names the paper,
-the study (`python -m ...`) or the test file of this repository that set it or holds with it. "Judgement" stands where
-nothing but experience did. Numerics that decide nothing (step widths, orders of a fit, sizes in memory) stand beside
+the study (`python -m ...`) or the test file of this repository that set it or holds with it. "Judgement" is where
+nothing but experience did. Numerics that decide nothing (step widths, orders of a fit, sizes in memory) are beside
 their code, and are judgement too where they name no source.
 """
 

@@ -24,7 +24,7 @@ html_copy_source = html_show_sphinx = html_show_search_summary = False  # summar
 autodoc_typehints = "none"  # types are in the docstrings, for readers
 napoleon_google_docstring = False
 nb_execution_mode = "off"  # outputs are kept in the notebooks
-nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # the site asks the network for nothing
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # the site loads nothing from the network
 
 
 def linked(app: Sphinx, document: str, source: list[str]) -> None:

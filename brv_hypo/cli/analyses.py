@@ -74,7 +74,7 @@ def compare(
 
 
 def report_comparison(session: Session, comparison: Comparison, settings: CompareConfig) -> None:
-    """To the terminal, and to JSON, HTML and picture files where they were asked for."""
+    """To the terminal, and to JSON, HTML and picture files where they were requested."""
     from brv_hypo.report.comparison import comparison_document
 
     records = [flight.path for flight in comparison.flights]

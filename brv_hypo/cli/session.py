@@ -230,7 +230,7 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
             print(f"{now - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
-# ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
+# ---- Arguments and options that commands share, and what a shell completes; those of one command are beside it ----
 
 
 def _completion(module: str, names: str, *arguments: str) -> Callable[[str], list[str]]:
@@ -251,7 +251,7 @@ complete_installed = _completion("mechanisms.registry", "installed")
 
 
 def complete_hypotheses(incomplete: str) -> list[str]:
-    """A list of mechanisms, the last of which is not whole yet; commas and pluses stand between them."""
+    """A list of mechanisms, the last of which is not whole yet; commas and pluses are between them."""
     from brv_hypo.mechanisms.registry import mechanisms
 
     before = re.sub(r"[^,+]*$", "", incomplete)
@@ -268,7 +268,7 @@ Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of 
 
 @dataclass(frozen=True)
 class Session:
-    """How one command talks: what was asked of the common options."""
+    """How one command prints: what the common options request."""
 
     config: Annotated[Path | None, Option("--config", metavar="FILE.yaml", help="Settings, over the defaults.")] = None
     start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
@@ -348,7 +348,7 @@ class Session:
         print(f"brv-hypo: {printable(message)}", file=sys.stderr)
 
     def write_json(self, result: Any) -> None:
-        """The result as JSON, where it was asked for; what is not finite becomes null."""
+        """The result as JSON, where it was requested; what is not finite becomes null."""
         if self.json is None:
             return
         text = as_json(result, left_out())
@@ -361,7 +361,7 @@ class Session:
     def deliver(
         self, document: Document, result: Any, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
     ) -> None:
-        """Print a document; write the result as JSON, report and picture files, where they were asked for."""
+        """Print a document; write the result as JSON, report and picture files, where they were requested."""
         self.show(document, conclusion=document.conclusion)
         self.write_json(result)
         if self.report is not None:
@@ -444,7 +444,7 @@ def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., N
                     if session.plugin:
                         from brv_hypo.mechanisms import installed
 
-                        installed()  # refuses a file that cannot be used, whatever the command asks for
+                        installed()  # refuses a file that cannot be used, whatever the command needs
                     command(session, **given)
             finally:
                 for reason in left_out():

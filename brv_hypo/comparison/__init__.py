@@ -7,7 +7,7 @@
     with_processes.py  for that, a hypothesis is placed beside processes: its times, delays and unwanted changes
     verdict.py         from evidences to probabilities, and the winner or the credible set
 
-config.py has the settings; what decides a verdict stands in brv_hypo/thresholds.py. Beside the name:
+config.py has the settings; what decides a verdict is in brv_hypo/thresholds.py. Beside the name:
 limits.py (how large each mechanism may be), intervals.py (net values between knots), diagnostics.py (errors of the
 record, collinearity, whiteness, the moment as functions), summary.py and result.py (the result and its shape).
 """

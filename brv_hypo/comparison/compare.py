@@ -281,7 +281,7 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    """By name; that of a nuisance effect or process asks for it in every hypothesis, and makes none of its own. Raises
+    """By name; that of a nuisance effect or process requests it in every hypothesis, and makes none of its own. Raises
     UsageError where these are all that is named.
     """
     items = {name: entry.item for name, entry in installed().items()}

@@ -1,4 +1,4 @@
-"""What a comparison may be told; every default fits a flight that nobody has seen yet."""
+"""The settings of a comparison; every default is for a flight not yet known."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
 
 def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> str:
     """An error of record or vehicle that would be far beyond its tolerance if no process of the moment were above its
-    ordinary size, in a sentence: those that are may stand for it, as a cross-damping moment for a ratio of inertias.
+    ordinary size, in a sentence: those that are may replace it, as a cross-damping moment for a ratio of inertias.
     """
     own = judged.evidences[judged.leader]
     large = [each.name for each in processes if each.is_of_moment and each.size > each.tolerance]

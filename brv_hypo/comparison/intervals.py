@@ -19,7 +19,7 @@ from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor, Theta, evaluated
 
 SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)
-# Errors of second order in values: of the squares of errors (in tolerances) that the data ask of record and vehicle,
+# Errors of second order in values: of the squares of errors (in tolerances) that the data imply of record and vehicle,
 # and of the square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
 INFLATED = 10.0  # variance inflation: Belsley, Kuh and Welsch, 1980, 3.2; convention
@@ -192,7 +192,7 @@ def _delays_fixed(fit: HypothesisFit) -> HypothesisFit:
 
 
 def within_bounds(fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what its likelihood loses where values that no body has are held at their bounds.
+    """The fit with what its likelihood loses where values that no body has are fixed at their bounds.
 
     The square of the excess in standard errors: the fall of 2 ln L for one linear coefficient.
     """

@@ -118,7 +118,7 @@ def acting_beside(
     leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> Second | None:
     """The mechanism on the list that would gain most beside the leader were no process of the moment above its ordinary
-    size: processes that are stand for it. None where none is, and of a leader that is a sum, or the baseline only.
+    size: such processes may replace it. None where none is, and of a leader that is a sum, or the baseline only.
     """
     own, listed = {each.name for each in leader.mechanisms}, [{m.name for m in group} for group in hypotheses.values()]
     if len(own) != 1 or not evidence.has_large_processes:

@@ -63,7 +63,7 @@ def shared_problem(
 
     `common`: the time that flights share, where it is known better than by their Mach numbers.
 
-    How loud the instruments' noise is at the frequencies of the motion is known once the motion is taken out.
+    How large the instruments' noise is at the frequencies of the motion is known once the motion is subtracted.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:
@@ -272,7 +272,7 @@ def _knots(start: float, stop: float, config: CompareConfig) -> FloatArray:
 
 
 def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:
-    """The time that flights share by their Mach numbers; None for one flight, and where these do not tell it."""
+    """The time that flights share by their Mach numbers; None for one flight, and where these do not give it."""
     found = _by_mach(reconstructions)
     return found if isinstance(found, CommonTime) else None
 

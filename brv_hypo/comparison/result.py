@@ -50,7 +50,7 @@ class DerivedEstimate(NullIsNaN):
 
 
 class Knot(NullIsNaN):
-    """A time at which a coefficient of several flights begins, changes or ends. `time_s` is told in the time of the
+    """A time at which a coefficient of several flights begins, changes or ends. `time_s` is in the time of the
     reference flight; `flights_s` are all flights' own times at the same `mach` number, None for a flight that does not
     come by it.
     """
@@ -402,7 +402,7 @@ def percent(share: float) -> str:
 
 class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict. `reference_flight`: number (from 1) of the one of several flights
-    in whose time regions and knots are told; None for one flight, and where all have the same clock. The `flight` of
+    in whose time regions and knots are given; None for one flight, and where all have the same clock. The `flight` of
     `functions` counts from 0. `disagreements` say where criteria put different hypotheses first.
     """
 

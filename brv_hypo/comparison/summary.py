@@ -221,7 +221,7 @@ def _terms(fit: HypothesisFit, indices: slice) -> tuple[TermEstimate, ...]:
 
 
 def _region(frame: RateFrame, column: Regressor) -> tuple[float, float] | None:
-    """Where the column acts, in the time that courses are told in (s); None where it does everywhere."""
+    """Where the column acts, on the clock of time bases (s); None where it does everywhere."""
     if column.time_basis.kind == "constant":
         return None
     time = frame.coefficient_time if column.flight is None else frame.motions[column.flight].time

@@ -32,7 +32,7 @@ FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict se
 # (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
 OTHER = "other"
-PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes stand for something
+PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes replace something
 NONE = "none"
 NO_CAUSE = "is no established cause"
 
@@ -65,7 +65,7 @@ class Fit:
 
     @property
     def p_value(self) -> float:
-        """Probability of noise so loud, or louder, where the record states it well."""
+        """Probability of noise so large, or larger, where the record states it well."""
         spread = np.hypot(NOISE_LEVEL[1], 1.0 / np.sqrt(2.0 * self.rows))
         return float(norm.sf(np.log(self.noise) / spread))
 
@@ -291,7 +291,7 @@ def without_power(verdict: Verdict) -> Verdict:
 
 
 def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
-    """The verdict on several flights, with what speaks against a mechanism that it names, or describes: a rival whose
+    """The verdict on several flights, with the evidence against a mechanism that it names, or describes: a rival whose
     held-out error, of `ratios` to the baseline's by name, is far smaller.
     """
     best, leader = min(ratios, key=ratios.__getitem__), verdict.winner or verdict.described

@@ -222,7 +222,7 @@ def acting(
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
 
-    The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
+    The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to find its
     delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
     processes a short region about one end may explain as much as the whole one with its onset. `least`: see `_between`.
     """

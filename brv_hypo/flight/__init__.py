@@ -7,7 +7,7 @@ units.py        to SI, by pint
 cleaning.py     faults of single channels, masked on reading: stuck, clipped, dead, bursts, spikes
 clock.py        uniform time, gaps, steps of the clock, white noise
 derived.py      air data that follow from others; means of a record that is sampled too finely
-plausibility.py physics that no record breaks; how the inertial unit stands in the vehicle
+plausibility.py physics that no record breaks; how the inertial unit is mounted in the vehicle
 inspection.py   phases of a rocket's flight; what a record holds and how good it is
 
 Foreign records (csv, parquet, mat) come in through `brv_hypo.importing`.

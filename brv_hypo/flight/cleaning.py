@@ -88,7 +88,7 @@ def interpolated_holds(time: FloatArray, channels: Channels) -> tuple[Channels, 
     return out, tuple(faults)
 
 
-# ---- Channels that stand still where they cannot: runs of constants, flat tops, dead channels ----
+# ---- Channels that are constant where they cannot be: runs of constants, flat tops, dead channels ----
 
 
 def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
@@ -212,7 +212,7 @@ def find_spikes(values: FloatArray) -> BoolArray:
     index = np.arange(values.size, dtype=np.float64)
     cleaned = values.copy()
     for _ in range(SPIKE_PASSES):
-        # Those that stand out now, the largest first where candidates overlap.
+        # Those that exceed the noise now, the largest first where candidates overlap.
         fresh = np.zeros_like(found)
         for length in range(1, limits.SPIKE_LONGEST + 1):
             for start in _candidates(cleaned, length):

@@ -2,7 +2,7 @@
 
 Any planet: q_inf = rho V^2 / 2; Re = rho V d / mu, with d the reference length. The Earth alone (ICAO standard
 atmosphere, by `ambiance`): density from altitude, altitude from density, speed of sound and viscosity. It ends at
-81 km: above, density is never extrapolated, and the temperature of its end stands in for Mach and Reynolds numbers.
+81 km: above, density is never extrapolated, and the temperature of its end is that for Mach and Reynolds numbers.
 
 Means lose nothing of what white noise lets the data say. All channels are damped alike, by (pi / n)^2 / 6 where n
 samples are left to a cycle: 2e-4 of the fastest motion at `AVERAGED_PER_CYCLE`, in rates as in accelerations.

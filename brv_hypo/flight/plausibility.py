@@ -1,4 +1,4 @@
-"""Physics that no record breaks, and what it shows of how the inertial unit stands in the vehicle.
+"""Physics that no record breaks, and what it shows of how the inertial unit is mounted in the vehicle.
 
 Thrust, drag and spin lie along the nose (`nose_axis`), over the whole record:
 
@@ -7,8 +7,8 @@ Thrust, drag and spin lie along the nose (`nose_axis`), over the whole record:
 
 Each `tilt` from a first guess of the nose is of least squares, its error from sums over blocks longer than a swing. A
 turn about the nose is a convention, which nothing shows. Without thrust (`coasting_axis`), mean spin and drag lean by
-the trim as well, the drag k times as much, k being the slope of the normal force over the axial: both together tell
-tilt and trim apart. How gyros stand to accelerometers the flow shows
+the trim as well, the drag k times as much, k being the slope of the normal force over the axial: both together show
+tilt and trim apart. How gyros are mounted to accelerometers the flow shows
 (`relative_axes`): the transverse force opposes the crossflow that follows from rates and speed (`path_into_force`).
 
 `contradictions` names what breaks the physics of any vehicle, with both numbers:
@@ -118,7 +118,7 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
         rested = abs(rest[1] - GRAVITY) < REST_OFF and rest[2] - rest[0] < REST_OFF
         if rested or float(np.mean(np.append(along[stop:], 0.0) < -DRAGGED)) > DRAGGED_SHARE:
             speed = integral(time, np.where(np.arange(time.size) < start, 0.0, along - GRAVITY))
-            if (top := start + int(np.argmax(speed[start:]))) - start >= least:  # else what is felt drives nothing
+            if (top := start + int(np.argmax(speed[start:]))) - start >= least:  # else what is sensed drives nothing
                 slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
                 return axis, speed, (start, top, top + int(slow[0]) if slow.size else time.size)
     return None
@@ -259,7 +259,7 @@ def fitted_slopes(
 
 
 def relative_turns() -> Iterator[FloatArray]:
-    """The 16 ways (3, 3) in which gyros can stand to accelerometers about one axis: signs, and y and z exchanged."""
+    """The 16 ways (3, 3) in which gyros can be mounted to accelerometers about an axis: signs, y and z exchanged."""
     for swapped, *signs in product((False, True), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
         yield np.diag(signs)[:, [0, 2, 1] if swapped else [0, 1, 2]]
 

@@ -255,7 +255,7 @@ VEHICLE_DIMENSIONS: dict[str, Dimension] = {
 }
 
 LEAST = {"velocity": SLOWEST, **dict.fromkeys(("dynamic_pressure", "density", "mach", "reynolds"), 0.0)}  # SI
-# Sizes, SI, that no entry vehicle reaches: beyond them stand fill values, wrong units and damage. Double precision
+# Sizes, SI, that no entry vehicle reaches: beyond them are fill values, wrong units and damage. Double precision
 # does the arithmetic of squares and ratios inside them.
 LARGEST: dict[Dimension, float] = {
     "time": 1e12,

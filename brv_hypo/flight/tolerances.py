@@ -36,7 +36,7 @@ def _of(dimension: Dimension, *sigmas: float) -> dict[str, Any]:
 class Instruments:
     """1-sigma tolerances by body axis (x, y, z), SI; what has no axis holds one value three times."""
 
-    grade: str  # what the values that nobody stated come from
+    grade: str  # what the values that were not stated come from
     gyro_bias: Vector = field(metadata=_of("angular rate", 0.002 * _DEGREE, 0.02 * _DEGREE, 0.2 * _DEGREE))  # rad/s
     gyro_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 5e-4, 3e-3))  # relative error of the scale factor
     gyro_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))  # rad

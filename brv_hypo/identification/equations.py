@@ -99,7 +99,7 @@ class Shapes:
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
-        """The accelerations times their courses (columns, n), as `kink` has them where a knot lies between nodes; the
+        """The accelerations times time bases (columns, n), as `kink` has them where a knot lies between nodes; the
         columns with a knot, and what the angular rate lacks there per unit of each (columns with a knot, n), rad/s.
         """
         time, half, u = self.here.time, self.here.input("half"), self.here.u
@@ -116,7 +116,7 @@ class Shapes:
 
     @cached_property
     def averaged(self) -> ComplexArray:
-        """The accelerations (columns, n) times what a block sees of their courses."""
+        """The accelerations (columns, n) times the block means of their time bases."""
         out, context, half = self.acceleration.copy(), self.context, self.here.input("half")
         for own, column in zip(out, self.columns, strict=True):
             if has_knot(column):
@@ -159,7 +159,7 @@ class MomentModel:
     def planes(
         self, now: Motion, past: Mapping[float, Motion], theta: Values, half: FloatArray, own: OwnTime | None = None
     ) -> tuple[tuple[Regressor, ...], ComplexArray]:
-        """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
+        """The columns, moved, and (C_N' + i C_Z') per unit of each without its time basis, (columns, n)."""
         columns = self.structure.at(theta)
         motion, *late = (self._with_in_plane_moment(each, theta, columns, half, own) for each in (now, *past.values()))
         if earlier := dict(zip(past, late, strict=True)):
@@ -238,7 +238,7 @@ class VehicleModel:
         return real_rows(omega + gyros, force + accelerometers)
 
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
-        """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
+        """Parameters, histories that change the rates of alpha and of the meridian at given states, where the columns
         feel these.
         """
         if not self.moments.uses_rates:
@@ -344,15 +344,15 @@ class VehicleModel:
 
 
 def _own(names: Sequence[str], context: Context) -> list[str]:
-    """Names of a flight's own parameters or courses."""
+    """Names of a flight's own parameters or histories."""
     return [parameters.of_flight(name, context.flight) for name in names]
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
-    """A course of the flight's errors (n,); 0 where it has none of that name."""
+    """A history of the flight's errors (n,); 0 where it has none of that name."""
     return theta.get(parameters.of_flight(name, context.flight), 0.0)
 
 
 def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
-    """Two courses as one complex pair."""
+    """Two histories as one complex pair."""
     return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))

@@ -47,7 +47,7 @@ IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalle
 IDENTIFIED_POOR_START = 2.0
 IDENTIFIED_FIRST_STEPS = 2
 IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
-IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
+IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot hardly known from the data goes to and fro with the nodes
 
 _REMEDY = (
     "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
@@ -122,7 +122,7 @@ class Problem:
 
     @property
     def affine(self) -> frozenset[str]:
-        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record. What
+        """Parameters and histories in which moments and readings are affine: coefficients, errors of the record. What
         changes rates of which a mechanism's columns are functions is not.
         """
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}

@@ -56,7 +56,7 @@ acceleration that it makes per unit, in de-rolled axes: real and imaginary part 
 def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> int:
     """Samples in a block: the most at which collocation integrates the model's moment as well as the samples do. The
     largest difference between the two angular rates may be IDENTIFIED_QUADRATURE times the gyros' white noise,
-    stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
+    stretches left out that have nodes in between. The number is odd, so that a sample is in the middle.
     """
     moments = frame.moments(columns) @ values
     meridians = [Meridian(derolled_crossflow(frame, part), delays_of(frame, columns)) for part in frame.segments]
@@ -79,7 +79,7 @@ def knots_of(columns: Sequence[Regressor], own: OwnTime | None) -> list[float]:
 
 
 def delays_of(frame: RateFrame, columns: Sequence[Regressor]) -> tuple[float, ...]:
-    """The delays (s) at which the mechanisms of a model look back, whether these are parameters or not."""
+    """The delays (s) of the mechanisms of a model, whether these are parameters or not."""
     return delays_requested(frame.motions[0], lambda motion: evaluated(columns, frame.mechanisms, motion))
 
 
@@ -317,7 +317,7 @@ def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:
 
 
 def has_knot(column: Regressor) -> bool:
-    """Whether the column's course has a jump or a kink."""
+    """Whether the column's time basis has a jump or a kink."""
     return bool(np.isfinite(column.time_basis.start) or np.isfinite(column.time_basis.stop))
 
 

@@ -81,7 +81,7 @@ class Structure:
     columns: tuple[Regressor, ...]
     names: tuple[str, ...]  # of the coefficients, in the order of `columns`
     nonlinear_parameters: tuple[NonlinearParameter, ...]
-    fixed_delays: Mapping[str, float]  # s, those at which mechanisms look back without a parameter
+    fixed_delays: Mapping[str, float]  # s, those of mechanisms without a parameter
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ def structure_of(
     delays: Sequence[float],
 ) -> Structure:
     """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside. Columns that share a
-    theta or a knot of one mechanism move together. `delays`: all at which mechanisms look back, s.
+    theta or a knot of one mechanism move together. `delays`: all those of mechanisms, s.
     """
     names, nonlinear = unique([*map(_name, columns)]), _nonlinear_parameters(columns, mechanisms, start, stop)
     free = [parameter.value for parameter in nonlinear if parameter.is_delay]
@@ -125,7 +125,7 @@ def structure_of(
 
 
 def _name(column: Regressor) -> str:
-    """Mechanism and term, and where it begins and looks back to."""
+    """Mechanism and term, its beginning and its delay."""
     name = f"{column.mechanism} {column.term}"
     if column.time_basis.kind != "constant":
         name += f" {column.time_basis.kind} at {column.time_basis.start:.6g} s"
@@ -212,13 +212,13 @@ def placed(
 
 
 def on_grid(time_basis: TimeBasis, time: FloatArray, half: FloatArray) -> FloatArray:
-    """The course at `time` (n,) s; `half` (n,) s is half the interval at its midpoints, 0 at nodes."""
+    """The time basis at `time` (n,) s; `half` (n,) s is half the interval at its midpoints, 0 at nodes."""
     edge = _ramp if time_basis.kind == "ramp" else _step
     return edge(time - time_basis.start, half) - edge(time - time_basis.stop, half)
 
 
 def averaged(time_basis: TimeBasis, time: FloatArray, width: FloatArray | float) -> FloatArray:
-    """Mean of the course over `width` s about `time` (n,) s: what a block of samples sees of it."""
+    """Mean of the time basis over `width` s about `time` (n,) s: that of a block of samples."""
     if time_basis.kind == "ramp":
         return time_basis(time)
     begun, ended = (np.clip((time - knot) / width + 0.5, 0.0, 1.0) for knot in (time_basis.start, time_basis.stop))
@@ -300,7 +300,7 @@ def lever_force(
     return np.asarray(y + 1j * z)
 
 
-# What the equations know of errors, measured less true: courses by these names.
+# What the equations know of errors, measured less true: histories by these names.
 GYROS = ("error of q", "error of r")  # rad/s that the transverse gyros read beyond the truth
 ACCELEROMETERS = ("error of a_y", "error of a_z")
 """m/s^2, at the declared place, that the transverse accelerometers read beyond the truth."""
@@ -340,7 +340,7 @@ class Tolerated:
         return applied / self.size, found / self.size
 
 
-Histories = Mapping[str, FloatArray]  # by course name, (n,) over a flight's samples; one that it lacks is not touched
+Histories = Mapping[str, FloatArray]  # by name, (n,) over a flight's samples; one that it lacks is not touched
 
 RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated value of a flight does
 
@@ -348,12 +348,12 @@ RecordErrors = Mapping[Tolerated, Histories]  # what 1 sigma of each tolerated v
 def error_histories(
     errors: RecordErrors, flight: int, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
 ) -> tuple[TimeVaryingParameter, ...]:
-    """The courses of one segment of a flight, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,). What
+    """The histories of one segment of a flight, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,). What
     instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
     """
 
     def rows(names: Sequence[str]) -> list[SampledParameter]:
-        """The histories of these courses, of the values that touch any of them."""
+        """These histories, of the values that touch any of them."""
         touching = {value: each for value, each in errors.items() if any(name in each for name in names)}
         weights, none = tuple(of_flight(value.name, flight) for value in touching), np.zeros(samples.stop)
         out = []
@@ -373,12 +373,12 @@ def error_histories(
 
 
 def _shapes(spline: PPoly, time: FloatArray) -> FloatArray:
-    """The shapes of a course (weights, n) at any times (n,) s."""
+    """The shapes of a history (weights, n) at any times (n,) s."""
     return np.asarray(spline(time).T, dtype=float)
 
 
 def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[TimeVaryingParameter]:
-    """The courses at any times, by cubic splines through `time` (n,) s; those without weights left out."""
+    """The histories at any times, by cubic splines through `time` (n,) s; those without weights left out."""
     together, last = CubicSpline(time, np.concatenate([each.shapes for each in rows]).T), 0
     for each in rows:
         first, last = last, last + len(each.weights)

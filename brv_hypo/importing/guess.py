@@ -87,7 +87,7 @@ def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
 
 
 def _sure(table: ForeignTable, channel: str, units: str, why: str) -> None:
-    """Units by physics, which stand above those of a name."""
+    """Units by physics, which override those of a name."""
     entry = table.entries[channel]
     doubts = [each for each in entry.unsure if _NOT_STATED not in each]
     if len(doubts) == len(entry.unsure) and units != entry.units:

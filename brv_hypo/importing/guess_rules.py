@@ -1,6 +1,6 @@
 """What names and numbers say of a column: which channel it may be, and in what units.
 
-Names: words that stand for a channel, the likelier first; stems and axes of triads; units at the end of a name.
+Names: words that name a channel, the likelier first; stems and axes of triads; units at the end of a name.
 Numbers: the rate gives the units of time, gravity at rest those of accelerometers. `ForeignTable` holds the numeric
 columns of a file and what has been concluded of each, with the reason and the doubts.
 """
@@ -38,7 +38,7 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     return tuple((axis, *units) for units in (("dps",), ("deg", "s"), ("rad", "s"), ("rps",), ("rpm",)))
 
 
-# Words that stand for a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
+# Words that name a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
 # must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",),
@@ -83,7 +83,7 @@ def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]
 
 
 def units_in(column: str, dimension: Dimension | None) -> str | None:
-    """The units that stand at the end of a name, in brackets or not; None where none do."""
+    """The units that are at the end of a name, in brackets or not; None where none do."""
     if dimension == "dimensionless":
         return "dimensionless"
     units = RECORDED[dimension].items() if dimension else ()
@@ -94,7 +94,7 @@ def units_in(column: str, dimension: Dimension | None) -> str | None:
 
 
 def stated_units(column: str, table: ColumnTable, dimension: Dimension) -> str | None:
-    """The units that a table states for a column, or that stand in its name; None where neither does."""
+    """The units that a table states for a column, or that are in its name; None where neither does."""
     text = spelled(table.units.get(column, ""))
     units = units_in(f"in [{text}]", dimension)
     with suppress(FlightRecordError):
@@ -123,7 +123,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
-    """The channel that words stand for, and how far down the list of its names; None for none."""
+    """The channel that words name, and how far down the list of its names; None for none."""
     triad = _axis_of(words)
     # A name that begins with one letter may go on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF.
     others = ("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")

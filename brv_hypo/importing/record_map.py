@@ -97,7 +97,7 @@ class ColumnMap(_Entry):
     units: str | None = None  # None: those that the table states, in a row of its own or in the column's name
     scale: float = 1.0
     offset: float = 0.0
-    missing: float | None = None  # the value that stands for a missing sample
+    missing: float | None = None  # the value that marks a missing sample
     recorder: str | None = None  # the recorder of the column; None is the main table
 
 

@@ -8,7 +8,7 @@ bias; across it, lean and bias are confounded, and what is read there becomes th
 Speed of a climb (`ascent`): dh/dt = V cos(lean), dV/dt = ax - g cos(lean), the nose along the path on average. The
 lean is that of the nose by the gyros from the pad on, less a slow random walk; it, scale and bias of the accelerometer
 follow from the altitudes, which force and lean together must explain. Altitudes off the climb have less weight
-(Student's t), those near Mach 1 none: a shock stands on the port.
+(Student's t), those near Mach 1 none: a shock is at the port.
 Lower rate (`decimated`): a linear-phase low-pass, then the rate that the motion needs; nothing is aliased.
 """
 
@@ -36,7 +36,7 @@ ATTITUDE: Mapping[str, Dimension] = {"lean": "angle"}  # of the nose from the ve
 SAME_AXES = np.radians(5.0)  # rad between the gyros of two units, below which the difference is misalignment
 CLOCK_STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried
 CLOCK_LEAST_OVERLAP = 0.3  # of the shorter record
-CLOCK_LEAST_CORRELATION = 0.8  # of what both recorders sensed, below which no offset is believed
+CLOCK_LEAST_CORRELATION = 0.8  # of what both recorders sensed, below which no offset is accepted
 PAD_FEWEST_SAMPLES = 20  # from which biases are taken
 PAD_LEANING = math.radians(2.0)  # rad, by which a lean that no accelerometer's bias explains may be one all the same
 PAD_MOUNTED = math.radians(1.0)  # rad, 1-sigma between the unit's x axis and the nose
@@ -44,7 +44,7 @@ PAD_OFF_GRAVITY = 0.05  # of gravity that a reading at rest may be off: bias and
 PAD_UPRIGHT = 0.7  # cosine of the lean, up to 45 deg, that a rail has
 PAD_MOVING = math.radians(2.0)  # rad/s of standard deviation: beyond any wind on a rail
 ASCENT_RATE, ASCENT_KNOTS = 20.0, 2.0  # Hz at which the climb is computed; s between the knots of lean and bias
-ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(12.0), math.radians(8.0)  # rad: of a path of which no pad tells
+ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(12.0), math.radians(8.0)  # rad: of a path without a pad
 # rad per root second by which nose and path part, and gyros err; by which a path bends that no gyros follow
 ASCENT_DRIFT, ASCENT_TURNING = math.radians(0.7), math.radians(5.0)
 ASCENT_SWING, ASCENT_TOP = 1.0, 1.0  # s over which the nose swings about the path; over which the top is found
@@ -56,7 +56,7 @@ ASCENT_SLANT = 0.18  # of the highest speed, 1-sigma of that along the ground wh
 ASCENT_WIND, ASCENT_WIND_ALONG = 5.5, 0.3  # m/s, 1-sigma; the part of it, at most, along the path (17 deg of lean)
 ASCENT_LEAST_SIGMA = 1.0  # m: no barometer is better
 ASCENT_HELD = 0.5  # share of altitudes that change, below which the others are taken for held
-ASCENT_TRANSONIC = (0.85, 1.25)  # Mach numbers at which a shock stands on the barometer's port
+ASCENT_TRANSONIC = (0.85, 1.25)  # Mach numbers at which a shock is at the barometer's port
 ASCENT_MOST_TRANSONIC = 0.7  # of the climb, beyond which such altitudes are all there is
 ASCENT_STEEP, ASCENT_END = 0.5, 0.25  # cosine of the lean near the top, left out; s before the last altitude
 ASCENT_REPEATS, ASCENT_DEGREES_OF_FREEDOM = (8, 4.0)  # rounds; of Student's t: altitudes off the climb count less
@@ -66,7 +66,7 @@ ASCENT_FEWEST = 20  # samples with force and altitude
 # shorter than a cycle.
 DECIMATED_PER_CYCLE = 30.0
 DECIMATED_FEWEST = 500.0  # samples of a window, if it has them, before the ends of the filter are left out
-DECIMATED_WORTH = 1.3  # times the rate asked for, below which a filter costs more than it saves
+DECIMATED_WORTH = 1.3  # times the requested rate, below which a filter costs more than it saves
 DECIMATED_LEAST_GAIN = 2.0  # times the samples that the motion needs, below which a record is left as it is
 DECIMATED_PASS_END = 0.3  # of the new rate
 DECIMATED_STOP_BEGIN = 0.5  # of the new rate: nothing is aliased
@@ -276,7 +276,7 @@ def _climb(
     sigmas = np.array([ASCENT_HEIGHT, speed_sigma, ASCENT_SCALE, *walk.ravel()])
 
     def flown(unknown: FloatArray) -> FloatArray:
-        """Speed, height and lean (3, n) by height, speed, scale, and a lean and a bias that wander, in sigmas."""
+        """Speed, height and lean (3, n) by height, speed, scale, and random walks of lean and bias, in sigmas."""
         height, speed, scale, *walks = sigmas * unknown
         off = [np.interp(grid, knots, np.cumsum(part)) for part in np.reshape(walks, (2, -1))]
         lean = nose + off[0]
@@ -304,7 +304,7 @@ def _climb(
         weights = np.where(counted, (1.0 - correlation) / (1.0 + correlation) / far / spread**2, 0.0)
     deviations = np.sqrt(np.einsum("ikn,ij,jkn->kn", change, inverse, change))
     # The nose points along the flow, the climb is over the ground: wind along the path is between them. Where no gyros
-    # follow the lean from a pad, a steep path cannot be told from a vertical one.
+    # follow the lean from a pad, a steep path cannot be distinguished from a vertical one.
     slant = 0.0 if by_gyros is not None else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
     wind = ASCENT_WIND * np.minimum(np.hypot(np.sin(lean), deviations[2]), ASCENT_WIND_ALONG)
     sigma = np.sqrt(deviations[0] ** 2 + slant**2 + wind**2)

@@ -139,7 +139,7 @@ def along_flights(
     by: Callable[[Motion, FloatArray], Change],
     weight: float = 1.0,
 ) -> tuple[Derivative, ...]:
-    """What `by` asks for on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
+    """What `by` requests on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
     `weight`: what a nat counts in the errors.
     """
@@ -175,8 +175,8 @@ def per_coefficient(
     alpha: FloatArray,
     by: Callable[[Motion, FloatArray], Change],
 ) -> FloatArray:
-    """What `by` asks for per unit of each coefficient about angles of attack (samples,) rad (samples, columns). Nothing
-    of terms that look back in time and, at rest, of those that are not in the plane of alpha alone.
+    """What `by` requests per unit of each coefficient about angles of attack (samples,) rad (samples, columns). Nothing
+    of terms with a delay and, at rest, of those that are not in the plane of alpha alone.
     """
     less, more, unit, at_rest = by(motion, alpha)
     out = np.zeros((alpha.size, len(columns)))

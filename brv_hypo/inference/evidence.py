@@ -64,7 +64,7 @@ class _OfProcesses(NamedTuple):
 
 @dataclass(frozen=True)
 class _Integrated:
-    """All that is integrated out at some amplitudes; what is of processes only where it is asked for."""
+    """All that is integrated out at some amplitudes; what is of processes only where it is requested."""
 
     rows: Rows
     terms: Terms

@@ -30,7 +30,7 @@ _CUTOFF = 1e-12  # singular values of unit columns that count, of the largest
 
 
 class GivenColumns(Mechanism):
-    """Stands for the columns that are given as histories: no moment belongs to it."""
+    """The mechanism of columns that are given as histories: no moment belongs to it."""
 
     name = GIVEN
     title = "columns given as histories"
@@ -49,7 +49,7 @@ def given_column(name: str) -> Regressor:
 
 @dataclass(frozen=True)
 class FlightRows:
-    """One flight's whitened rows: where its four channels stand among all, its rows of the frame, and `own_noise`, the
+    """One flight's whitened rows: where its four channels are among all, its rows of the frame, and `own_noise`, the
     whitened rates (rate rows, unknowns) of what one unit of each correlated unknown is of the noise.
     """
 
@@ -177,7 +177,7 @@ class WhitenedRows:
 
     @cached_property
     def order(self) -> IntArray:
-        """Where each of the `unknowns` stands: constants of integration first, then as the nuisances do."""
+        """Where each of the `unknowns` is: constants of integration first, then as the nuisances do."""
         constants, items = 2 * len(self.part.levels), self.nuisances.items
         first_of = dict(zip((a for a, _ in self.part.pieces), self.part.flights, strict=True))
         flight_of = np.repeat([first_of[a] for a, _ in self.part.levels], 2)
@@ -260,7 +260,7 @@ class ProjectedBaseline:
 class Problem:
     """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples. `records` are
     those of the flights; `force` (frame rows,) m/s^2 is the transverse specific force at the c.g.; `given` histories
-    that may be asked for as columns, by name.
+    that may be requested as columns, by name.
     """
 
     frame: RateFrame

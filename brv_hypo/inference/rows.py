@@ -252,7 +252,7 @@ class Rows:
     static: float
     """What that moment makes of the rows before whitening, as a length."""
     counted: BoolArray
-    """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
+    """Which rows (n,) count: not the first of a record, where the filters of instruments have transients."""
     noise_ratio: float = 1.0
     """Their noise over that measured in the record."""
 

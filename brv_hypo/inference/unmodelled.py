@@ -37,7 +37,7 @@ TURNING_FASTEST = 3.0
 TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
 _Key = TypeVar("_Key")
-_SHAPE = "shape"  # the parameter that tells which
+_SHAPE = "shape"  # the parameter that selects one
 
 
 def _power(power: int, factor: complex = 1.0) -> Shape:
@@ -99,7 +99,7 @@ def shape_of(name: str, motion: Motion) -> tuple[ComplexArray, ...]:
 
 
 class FreeMoment(Mechanism):
-    """Some of the shapes, each times splines in time; `theta` tells which one: all at once would be large."""
+    """Some of the shapes, each times splines in time; `theta` selects one: all at once would be large."""
 
     name = "free_moment"
     title = "a moment that is free but smooth"
@@ -177,7 +177,7 @@ RATE = "rate"
 
 class TurningMoment(Mechanism):
     """A transverse moment of constant size whose direction in body axes turns at one of some `rates` (rad/s, rising,
-    `apart`); `about` s, where both components stand along the axes.
+    `apart`); `about` s, where both components are along the axes.
     """
 
     name = "turning_moment"

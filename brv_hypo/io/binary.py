@@ -47,7 +47,7 @@ class Tree:
 
 
 Selection = Mapping[str, Iterable[str] | None]
-"""For each group to read ("" is the root) its datasets to read; None stands for all that is in it and below it."""
+"""For each group to read ("" is the root) its datasets to read; None means all that is in it and below it."""
 
 
 def read_tree(path: str | Path, *, only: Selection | None = None) -> Tree:

@@ -1,7 +1,7 @@
 """Regular files only, read within budgets and written whole or not at all.
 
 A pipe never ends, a device has no size, and a budget needs both. A file is written in a temporary folder beside its
-place, flushed to the medium, then moved: whoever looks sees the old one or the new one. What a killed process left
+place, flushed to the medium, then moved: a reader gets the old one or the new one. What a killed process left
 behind is removed by the next that writes into the folder.
 """
 
@@ -48,7 +48,7 @@ _HOMES = tuple(folder / "configs" for folder in Path(__file__).resolve().parents
 
 
 def kind_of(path: str | Path) -> str | None:
-    """What stands at `path`, such as "a pipe"; "a file" for a regular one, None where nothing does."""
+    """What is at `path`, such as "a pipe"; "a file" for a regular one, None where nothing does."""
     try:
         return _KINDS.get(stat.filemode(os.stat(path).st_mode)[0], "no regular file")
     except (OSError, ValueError):  # ValueError: a name with a null character
@@ -56,7 +56,7 @@ def kind_of(path: str | Path) -> str | None:
 
 
 def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = UsageError) -> None:
-    """Raise `error` unless a regular file stands at `path`; `expected` says what it should hold."""
+    """Raise `error` unless a regular file is at `path`; `expected` says what it should hold."""
     kind = kind_of(path)
     if kind == "a file":
         return
@@ -97,7 +97,7 @@ def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
 
 
 def check_target(path: str | Path, *, overwrite: bool) -> None:
-    """Raise UsageError where something stands at `path` that must not, or cannot, be replaced by a file."""
+    """Raise UsageError where something is at `path` that must not, or cannot, be replaced by a file."""
     kind = kind_of(path)
     if kind not in (None, "a file"):
         raise UsageError(f"{path} is {kind}, where a file is to be written. Name a regular file.")

@@ -1,7 +1,7 @@
 """YAML and JSON files as plain mappings, within budgets: what they hold is checked before it is built.
 
-YAML knows aliases, with which a few lines stand for gigabytes, and dates, which no setting of ours is:
-what aliases stand for is counted, and dates remain text.
+YAML knows aliases, with which a few lines mean gigabytes, and dates, which no setting of ours is:
+what aliases expand to is counted, and dates remain text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from brv_hypo.io.text import one_line
 
 YAML_ENDINGS = (".yaml", ".yml")
 YAML_BYTES = 512 * 1024  # the longest configuration that comes along has 4 kB
-YAML_VALUES = 50_000  # values that a YAML file may stand for, aliases expanded
+YAML_VALUES = 50_000  # values that a YAML file may have, aliases expanded
 JSON_BYTES = 64 * 1024 * 1024  # a result with every series in it has some megabytes
 DEEPEST = 40  # levels of nesting
 TOO_DEEP = f"more than {DEEPEST} levels of nesting"
@@ -101,7 +101,7 @@ def _load(text: str) -> Any:
 
 
 def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
-    """How many values a node stands for; raises MarkedYAMLError for too many or too deep, and where it holds itself."""
+    """How many values a node expands to; raises MarkedYAMLError for too many or too deep, and where it holds itself."""
     if id(node) in known:
         return known[id(node)]
     if id(node) in above or len(above) >= DEEPEST:

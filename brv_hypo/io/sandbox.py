@@ -1,6 +1,6 @@
 """Readers of binary files run in a process of their own, within limits of memory and time that the system enforces.
 
-Damaged files crash the HDF5, Parquet and MATLAB libraries, and small ones can ask for terabytes. One worker process,
+Damaged files crash the HDF5, Parquet and MATLAB libraries, and small ones can allocate terabytes. One worker process,
 begun at the first file and kept, runs `reader(path, budget, ...)` and sends back what it returns or refuses, pickled;
 if the worker ends, the file is refused and the next one gets a new worker. Entrance: `read_in_sandbox`.
 

@@ -63,7 +63,7 @@ def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6, 
 
 
 def refused(place: str, *parts: str) -> FlightRecordError:
-    """A refusal of what stands at `place` ("" is the file): found, expected, cause and remedy, in hostile words."""
+    """A refusal of what is at `place` ("" is the file): found, expected, cause and remedy, in hostile words."""
     found, expected, cause, remedy = map(one_line, parts)
     where = f"{one_line(place)}: " if place else ""
     return FlightRecordError(f"{where}found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}.")

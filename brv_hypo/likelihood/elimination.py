@@ -88,7 +88,7 @@ def _residual_last(columns: FloatArray) -> FloatArray:
 
 
 _SINGULAR = 1e13  # condition, from the growth of a random right-hand side, at which states count as undetermined
-_FOLLOWED = 1e-7  # a parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data
+_FOLLOWED = 1e-7  # a parameter whose sensitivity shrinks by this factor as the states follow it is not in the data
 
 
 @dataclass(frozen=True)

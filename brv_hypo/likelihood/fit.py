@@ -126,7 +126,7 @@ def fit(
 
 @dataclass(frozen=True)
 class _Task:
-    """All that `fit` was asked for but the segments, which may come on several meshes; see there."""
+    """All arguments of `fit` but the segments, which may come on several meshes; see there."""
 
     dynamics: Function
     outputs: Function

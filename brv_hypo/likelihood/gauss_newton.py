@@ -47,7 +47,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the search stands: states by segment, (n_states, n), theta, (p,), variances of the noise, (n_outputs,)."""
+    """An iterate of the search: states by segment, (n_states, n), theta, (p,), variances of the noise, (n_outputs,)."""
 
     x: tuple[FloatArray, ...]
     theta: FloatArray
@@ -88,7 +88,7 @@ def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> Segments:
     """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
-    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet. Raises
+    `anchored` ties a free initial state loosely to its value, for a start at which no output observes it yet. Raises
     SingularStatesError where the outputs leave a state undetermined.
     """
     linear = linearised(problem, iterate) if linear is None else linear
@@ -277,12 +277,12 @@ _NEAR = 0.5  # length of a step, in standard errors, below which it is extrapola
 _SLOW = 0.3  # ratio of successive lengths above which steps are slow
 _WORSE = 2.0  # ratio above which an extrapolation did harm, and the memory is cleared
 _MEMORY = 5  # steps remembered
-_INDEPENDENT = 1e-8  # singular value, against the largest, of differences of steps below which they tell nothing new
+_INDEPENDENT = 1e-8  # singular value, against the largest, of differences of steps below which they add nothing new
 
 
 @dataclass
 class Extrapolation:
-    """Remembers iterates and their steps; none where process noise has variances of its own to settle."""
+    """Remembers iterates and their steps; none where process noise has variances of its own to converge."""
 
     problem: Problem
     _past: list[tuple[Iterate, Step]] = field(default_factory=list)

@@ -258,7 +258,7 @@ def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], op
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
-    """Standard errors; nan where rounding has left no variance, of parameters that all but stand for each other."""
+    """Standard errors; nan where by rounding no variance remains, of parameters that are all but dependent."""
     variance = np.diag(covariance)
     return dict(zip(names, np.sqrt(np.where(variance >= 0.0, variance, np.nan)).tolist(), strict=True))
 

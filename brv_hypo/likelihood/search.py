@@ -85,7 +85,7 @@ class Status(StrEnum):
 
 
 _FEASIBLE = 1e-7  # largest mean scaled defect of a converged trajectory
-_CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as settled
+_CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as converged
 _CONVERGED_MOVE = 0.05  # the same with process noise, in standard errors of the variances' logarithms
 _LINEAR = 0.5  # change of the objective against the promised one at which the states are where the variances want them
 _FEW, _FRACTION = 1e-4, 1e-2
@@ -180,7 +180,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
         further = extrapolation.improved(iterate, step)
-        if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
+        if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot resolve it
             following, fraction = moved(problem, iterate, further, 1.0), 1.0
         else:
             terms = (partial(determinant, problem),) if noisy else ()
@@ -232,7 +232,7 @@ def _sensitivities(
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
-    """Variances brought near with theta held: far too loose or tight dynamics would lead theta astray. Process noise
+    """Variances brought near with theta fixed: far too loose or tight dynamics would mislead theta. Process noise
     alone at first: beside one that is far too large, measurement noise seems to be none.
     """
     for estimate_noise in (False, options.estimate_noise):

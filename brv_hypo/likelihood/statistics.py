@@ -24,7 +24,7 @@ _ROUNDING = 1e-14
 _FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
 _THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1
 _NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
-_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
+_NULL = 1e-13  # the same of a direction that is not observed at all: its value is rounding
 _TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
 _NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
 _HIGHEST_ORDER = 20
@@ -107,7 +107,7 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
-        """Whether whiteness stands at the 1 % level."""
+        """Whether whiteness is accepted at the 1 % level."""
         return self.p_value >= 0.01
 
 

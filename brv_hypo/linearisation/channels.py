@@ -39,7 +39,7 @@ NOISE_SHORTEST_STRETCH = 32  # samples
 NOISE_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 NOISE_LEAKS = 2.0  # lines over which one of them leaks under a Hann window: half its main lobe
 NOISE_COLOURS = np.linspace(0.0, 0.98, 99)  # correlations of neighbouring samples that are tried
-NOISE_ALLOWED_FALL = 1.0  # of 2 ln L, that a correlation seen elsewhere may bring: one sigma
+NOISE_ALLOWED_FALL = 1.0  # of 2 ln L, that a correlation found elsewhere may bring: one sigma
 NOISE_CORRELATED = 2.0  # sigmas of a correlation below which samples count as independent from there on
 NOISE_MOST_LAG = 50  # samples to which that is looked for
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
@@ -338,7 +338,7 @@ def whole(frame: RateFrame, valid: BoolArray) -> Part:
 def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part, Part]:
     """The part that is fitted, and of `blocks` even stretches of each flight every fourth, by which it is decided what
     is added, and every eighth, midway between two of these, which takes no part in any choice. The rates on both sides
-    of a held-out stretch share a constant of integration: what the model says of the moments between is felt, the
+    of a held-out stretch share a constant of integration: what the model says of the moments between counts, the
     samples between are not. Held-out stretches have a constant each.
     """
     number = np.zeros(frame.observed.size, dtype=int)

@@ -96,7 +96,7 @@ Integrals = tuple[Antiderivative, Antiderivative]
 
 @dataclass(frozen=True)
 class Nodes:
-    """Where a segment's moments are evaluated: `time` (k,) s, that which courses are told in, factor of the integrand.
+    """Where a segment's moments are evaluated: `time` (k,) s, on the clock of time bases, factor of the integrand.
 
     `rows` are they among the flight's nodes, `samples` (m,) those of them that are the segment's samples.
     """
@@ -111,7 +111,7 @@ class Nodes:
 @dataclass(frozen=True)
 class WeakSegment:
     """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
-    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own. `finer`
+    `common_time` (m,) s is the time that flights share, the clock of time bases; None where it is their own. `finer`
     are the nodes of its integrals; None where its samples are.
     """
 
@@ -130,11 +130,11 @@ class WeakSegment:
 
     @property
     def coefficient_time(self) -> FloatArray:
-        """The time that courses are told in (m,), s."""
+        """Time on the clock of time bases (m,), s."""
         return self.time if self.common_time is None else self.common_time
 
     def own_times(self, spans: FloatArray) -> FloatArray:
-        """The segment's own times (k,) of times that courses are told in (k,); before it that of its first sample.
+        """The segment's own times (k,) of times on the clock of time bases (k,); before it that of its first sample.
         After it infinite: what begins there is nothing of it.
         """
         before, end = self.coefficient_time[-2:]
@@ -221,7 +221,7 @@ _Place = tuple[Theta, str]  # the name of a term at these
 @dataclass(frozen=True)
 class _Shapes:
     """Unit moments of one mechanism at one or several thetas, C_m + i C_n (nodes, terms) a flight, and their
-    antiderivatives, one a segment. `position` is where the term of a theta stands.
+    antiderivatives, one a segment. `position` is the place of the term of a theta.
     """
 
     position: Mapping[_Place, int]
@@ -235,7 +235,7 @@ class RateFrame:
 
     `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
     `finer` are the motions with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
-    time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
+    time that the flights share, the clock of time bases; None where theirs is each flight's own. `design`,
     one (k,) a flight at its nodes, is what the design of the vehicle adds to C_mw beside the columns; empty where that
     is nothing.
     """
@@ -280,12 +280,12 @@ class RateFrame:
 
     @property
     def coefficient_time(self) -> FloatArray:
-        """The time that courses are told in, of each row (rows,), s."""
+        """Time on the clock of time bases, of each row (rows,), s."""
         return np.concatenate([segment.coefficient_time for segment in self.segments])
 
     @cached_property
     def reference(self) -> int:
-        """The flight in whose time courses are told, wherever it stands; of one clock for all, the longest record."""
+        """The flight whose clock is that of time bases, in any order; of one clock for all, the longest record."""
         if self.common is not None:
             return self.common.reference
         lengths = [(float(own.time[-1] - own.time[0]), float(np.sum(own.p**2))) for own in self.motions]
@@ -439,7 +439,7 @@ def build_frame(
     )
 
 
-# ---- Residual rates as moment coefficients: what a model leaves, in the terms in which it is told ----
+# ---- Residual rates as moment coefficients: the residual of a model, in the terms that it is reported in ----
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class MomentModel:
 
 
 def delays_requested(motion: Motion, read: Callable[[Motion], object]) -> tuple[float, ...]:
-    """How many seconds ago the past of a motion is that `read` asks for, in order."""
+    """How many seconds ago the past of a motion is that `read` requests, in order."""
     delays = set[float]()
     read(replace(motion, history=_Past(motion, delays)))
     return tuple(sorted(delays - {0.0}))

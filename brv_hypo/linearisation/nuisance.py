@@ -110,7 +110,7 @@ def beyond_level(count: int) -> float:
 
 
 def beyond_tolerance(label: str, value: float, size: float, units: str, count: int) -> str | None:
-    """In words, that the data want an error of so much (1 sigma: `size`); None where one of so many may be so large."""
+    """In words: the data imply an error of so much (1 sigma: `size`); None where one of so many may be so large."""
     times = abs(value) / size
     stated = f"{value:.3g}" + ("" if units == "1" else f" {units}")
     return f"{label} is {stated}, {times:.1f} times its tolerance" if times > beyond_level(count) else None

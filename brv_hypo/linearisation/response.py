@@ -1,7 +1,7 @@
 """The motion to linearise about, and how rates and specific force change when the record, or its start, changes.
 
 `PropagatedMotion` is a motion by where it starts and how its attitude wanders by the gyros' white noise, a random walk
-that a few sines stand for (Karhunen-Loeve): a fit moves both. `LinearisedFlight` propagates from the reconstruction's
+of a few sines (Karhunen-Loeve): a fit moves both. `LinearisedFlight` propagates from the reconstruction's
 start: attitude from the gyros, velocity from forces, gravity and wind. What the reconstruction estimates (direction of
 the velocity at the start, gravity, the walk) enters the regression as unknowns with their priors, so that the answer to
 a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the motion's
@@ -43,7 +43,7 @@ WALK_LEFT_OUT = 0.8  # standard deviations of alpha, of what the sines may leave
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
-    """How many sines stand for the random walk. What they leave of it is less than alpha's own uncertainty, and faster
+    """How many sines approximate the random walk. The remainder is less than alpha's own uncertainty, and faster
     than what the motion answers to. The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
@@ -67,7 +67,7 @@ def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArr
     """
     order, duration, step = np.pi * (np.arange(count) + 0.5), record.time[-1], record.flight.step
     angle = np.outer(record.time / duration, order)
-    sigma = record.gyro_walk.sigma_at(order * step / duration)  # of white noise as loud at each frequency
+    sigma = record.gyro_walk.sigma_at(order * step / duration)  # of white noise as large at each frequency
     sines = sigma * np.sqrt(2.0 * duration * step) / order * np.sin(angle)
     return sines, sigma * np.sqrt(2.0 * step / duration) * np.cos(angle)
 
@@ -280,7 +280,7 @@ class LinearisedFlight:
 
     def random_walk(self) -> Iterator[MotionUnknown]:
         """What the gyros' white noise makes of the attitude: sines of a random walk across the velocity, of prior 1.
-        The integral of -i times the noise is the walk, so that a walk is seen in the rates as well.
+        The integral of -i times the noise is the walk, so that a walk is observed in the rates as well.
         """
         walk, noise = walk_sines(self.record, walk_modes(self.record, self.reconstruction))
         weights = np.linalg.lstsq(walk, self._walk, rcond=None)[0]

@@ -140,7 +140,7 @@ _METHODS = {
 
 
 class Checked:
-    """Stands for an item of a package, or plugin's file, an instance of its class, each of whose answers is checked."""
+    """Wraps an item of a package, or plugin's file, an instance of its class, each of whose answers is checked."""
 
     def __init__(self, item: Any, package: str) -> None:
         self.item, self.package = item, package

@@ -2,10 +2,10 @@
 
 A plugin is a module (entry point or .py file) with the hooks of contract.py, or one mechanism in a .yaml file.
 Each is loaded and checked on its own: an installed one that breaks the contract is left out with a reason that names
-its package, file and line, and changes nothing else; a file that was asked for and breaks it is refused.
+its package, file and line, and changes nothing else; a requested file that breaks it is refused.
 
 Nuisances (record effects, and mechanisms with a tolerance) and processes are in every hypothesis: those of this
-distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).
+distribution, and of others those that were requested, by their file (`use_plugin_files`) or by name (`requested`).
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ def moment_processes() -> tuple[MomentProcess, ...]:
 
 
 def _nuisances() -> list[Item]:
-    """All of which a tolerance may be known: of this distribution, or asked for."""
+    """All of which a tolerance may be known: of this distribution, or requested."""
     names, faulty = _requested.get()
     wanted = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
     return [entry.item for name, entry in installed().items() if name in wanted - faulty]

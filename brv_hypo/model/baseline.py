@@ -96,7 +96,7 @@ class StaticMoment(DesignMoment):
 
 
 # Share of the speed by which it may depart from a polynomial before C_malpha follows it too: stiffness follows Mach
-# number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
+# number about in proportion, and a change of it of a few parts in ten thousand of the moment is not detected.
 WAVERING_SPEED = 5e-5
 
 
@@ -165,7 +165,7 @@ class StaticBend(DesignMoment):
 
 
 # The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
-# cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
+# cosines over the range flown with the variances of its spectral density are near it (Solin and Sarkka, Stat. Comput.
 # 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can
 # tell for other effects.
 SCHEDULE_LENGTH = 0.7

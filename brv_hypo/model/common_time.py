@@ -23,10 +23,10 @@ COMMON_MEANS = 400  # of neighbouring samples, that are fitted
 COMMON_CHECKED = 40  # of neighbouring samples, by which the fit is checked
 COMMON_DEGREE = 5  # the highest in its own time of what a flight's common time is tried as
 COMMON_ROUNDS = 4  # of its least squares
-# Share of its range by which those means may stray (rms) from what only falls or only rises, if Mach number is to tell
+# Share of its range by which those means may stray (rms) from what only falls or only rises, if Mach number is to give
 # time: a fifth of what lies between two of the usual seven knots.
 COMMON_STRAYING = 0.025
-COMMON_SLOWEST = 0.02  # pace of a Mach number over its mean: where it stands still, it does not tell time at all
+COMMON_SLOWEST = 0.02  # pace of a Mach number over its mean: where it is constant, it does not give time at all
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class CommonTime:
 
 
 def decimals(values: Sequence[float]) -> int:
-    """Decimals that tell values apart to a thousandth of the range that they span."""
+    """Decimals that distinguish values to a thousandth of the range that they span."""
     span = max(values) - min(values) if values else 0.0
     return max(0, 2 - int(np.floor(np.log10(span)))) if span > 0.0 else 2
 

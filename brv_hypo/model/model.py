@@ -255,7 +255,7 @@ class SavedModel(_Saved):
     of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops,
     `digests` those of their gyros (`digest`); `errors` are those of records and vehicles within their tolerances
     that were estimated beside the coefficients; `error` is what it left there; `flown` the ends of what
-    they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
+    they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is not known.
     """
 
     format: Literal["brv-model"] = "brv-model"

@@ -46,7 +46,7 @@ COMPATIBILITY_GRAVITY_UNKNOWN = 1.0  # the same without altitude: all of it
 COMPATIBILITY_LIFT_DOUBT = 1.0
 COMPATIBILITY_ANY_SPEED = 1e3  # m/s, 1-sigma of the speed that a segment starts with: open
 PRESSURE_COMPARED = 50  # samples about, at which pressure and altitude are compared
-COMPATIBILITY_AXIAL_SAMPLES = 60  # that tell the deceleration; the time goes with their cube
+COMPATIBILITY_AXIAL_SAMPLES = 60  # that give the deceleration; the time goes with their cube
 COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
@@ -118,8 +118,8 @@ def corrections() -> Iterator[Correction]:
                 verb = "reads as if it were" if len(chosen) == 1 else "read as if they were"
                 words = f"{(' and ' if len(chosen) == 2 else ', ').join(chosen)} {verb} {mislabel}"
                 yield Correction(chosen, "units", words, _scaled(instrument, chosen, value))
-    # The other ways in which the transverse gyros can stand to the transverse accelerometers, those of two mistakes or
-    # more. Turning both triads together changes nothing that can be seen.
+    # The other ways in which transverse gyros can be mounted to transverse accelerometers, those of two mistakes or
+    # more. Turning both triads together changes nothing that can be observed.
     for matrix in plausibility.relative_turns():
         swapped = matrix[1, 1] == 0.0
         flipped = [name for name, sign in zip(GYROS, matrix.sum(axis=1), strict=True) if sign < 0.0]
@@ -195,10 +195,10 @@ class Compatibility:
 
     left: FloatArray  # share (3,) of each relation that is not explained; 1 where the slope has the wrong sign
     noise: FloatArray  # share (3,) that white noise alone makes of it
-    informative: BoolArray  # whether the record can tell (3,)
+    informative: BoolArray  # whether the record determines it (3,)
     normal_slope: float | None  # C_N per rad by relation 1
     axial: float  # true over sensed deceleration
-    axial_sigma: float  # its standard deviation; inf where the record cannot tell
+    axial_sigma: float  # its standard deviation; inf where the record does not give it
     pressure: float | None  # recorded over expected dynamic pressure
     cost: float  # -ln likelihood of all but the relations
 
@@ -302,8 +302,8 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
 
 def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
     """True over sensed deceleration, from the change of the speed, and the standard deviation of that. Least squares
-    weighted by what else changes the airspeed: wind that wanders, gravity along the path, the normal force times the
-    angle of attack it takes, noise. A short or gentle record cannot tell them apart, and has a large deviation.
+    weighted by what else changes the airspeed: slow wind, gravity along the path, the normal force times the
+    angle of attack it takes, noise. A short or gentle record cannot separate them, and has a large deviation.
     """
     information, right = 0.0, 0.0
     gravity = gravity_magnitude(flight) or COMPATIBILITY_GRAVITY

@@ -304,7 +304,7 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class NominalMotion:
-    """What gyros and accelerometers alone make of a start; what is off it is told in its wind axes."""
+    """What gyros and accelerometers alone make of a start; errors of it are in its wind axes."""
 
     record: InertialRecord
     start: WindStart
@@ -348,7 +348,7 @@ class NominalMotion:
 
 
 def gravity_known(nominal: NominalMotion) -> tuple[FloatArray, FloatArray]:
-    """Mean (3,) m/s^2 and information (3, 3) of gravity where no force has told of it, in axes of the first sample. Its
+    """Mean (3,) m/s^2 and information (3, 3) of gravity before any force is used, in axes of the first sample. Its
     size is that of the planet, linear about a start's gravity; along the path u from the start it does what the
     altitude h loses: g . integral of V u dt = |g| (h_0 - h).
     """

@@ -24,7 +24,7 @@ from brv_hypo.motion.signals import (
     with_smooth_air,
 )
 
-DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
+DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as recorded
 DENSITY_LEAST = 1e-3  # of the largest: where the pressure is lost in its noise its logarithm means nothing
 INPUT_FEWEST_SHAPES = 10  # of the error that is left in a smoothed input
 INPUT_MOST_SHAPES = 40  # and at most
@@ -108,7 +108,7 @@ def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Rec
 
 
 def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
-    """Whether a spline leaves no more than white noise, which may grow with the channel: its differences tell."""
+    """Whether the residual of a spline is white noise, which may grow with the channel, by its differences."""
     left = [(measured - smooth)[a:b] for a, b in flight.segments]
     white = float(np.std(np.concatenate([np.diff(each) for each in left]))) / np.sqrt(2.0)
     return bool(np.std(np.concatenate(left)) <= INPUT_FOLLOWED * white)

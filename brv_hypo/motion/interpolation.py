@@ -38,7 +38,7 @@ class SplineGrid:
 
     @classmethod
     def on(cls, time: FloatArray) -> SplineGrid:
-        """Those on these samples; the ones asked for last are kept, and their factors with them."""
+        """Those on these samples; the ones requested last are kept, and their factors with them."""
         return _kept_grid(np.asarray(time, dtype=float).tobytes())
 
     @cached_property

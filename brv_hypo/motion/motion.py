@@ -100,7 +100,7 @@ def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
 class Motion:
     """Motion of the vehicle; every array has one shape, (n,) over time for a record. The simulator evaluates the same
     mechanisms at the running state: there the shape is (flights,), all at one instant. A mechanism therefore works
-    elementwise and asks `delayed` for the past.
+    elementwise and calls `delayed` for the past.
     """
 
     time: FloatArray  # s
@@ -113,8 +113,8 @@ class Motion:
     r: FloatArray  # yaw rate, rad/s
     velocity: FloatArray  # speed relative to the air, m/s
     dynamic_pressure: FloatArray  # Pa
-    mach: FloatArray  # Mach number; NaN where the record cannot tell
-    reynolds: FloatArray  # Reynolds number; NaN where the record cannot tell
+    mach: FloatArray  # Mach number; NaN where the record does not give it
+    reynolds: FloatArray  # Reynolds number; NaN where the record does not give it
     in_plane_moment: FloatArray  # the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1
     reference_length: float  # m
     history: Callable[[float], Motion] | None = None  # the motion so many seconds earlier; see `delayed`
@@ -200,7 +200,7 @@ def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def recorded(motion: Motion) -> Motion:
-    """The same motion, able to tell its past."""
+    """The same motion, with its past."""
     return replace(motion, history=_Past(replace(motion, history=None)))
 
 
@@ -213,7 +213,7 @@ def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
 class _Past:
     """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
 
-    `earlier` is all of it but C_mw so many seconds before; motions of another C_mw ask for the same times.
+    `earlier` is all of it but C_mw so many seconds before; motions of another C_mw need the same times.
     """
 
     def __init__(self, motion: Motion, ago: float = 0.0, earlier: Callable[[float], Motion] | None = None) -> None:
@@ -317,7 +317,7 @@ def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArr
 
 
 def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
-    """The motion at the nodes, able to tell its past; itself where these are its samples."""
+    """The motion at the nodes, with its past; itself where these are its samples."""
     if nodes.spread is None:
         return motion
     xi = crossflow(motion.alpha, motion.windward_meridian)

@@ -28,12 +28,12 @@ from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, Moment
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, projected_variance
 from brv_hypo.motion.signals import rms
 
-WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
+WARNED_LEFT = 10.0  # percent of the moments that remain beside fitted errors of the record, below which it warns
 AXIAL_SIGNIFICANT = 25.0  # squares of standard errors by which the axial coefficient has to change (seed 162023)
 
 
 def require_answerable(flight: Flight) -> None:
-    """Raises UnanswerableError where the rates stand still or cannot be true, or the air is too thin."""
+    """Raises UnanswerableError where the rates are constant or cannot be true, or the air is too thin."""
     rates = np.hypot(flight.q, flight.r)
     fastest = float(max(rates.max(), np.abs(flight.p).max()))
     if fastest > limits.FASTEST_RATE:
@@ -162,7 +162,7 @@ def _own_limits(record: InertialRecord, wind: WindHistory) -> Iterator[str]:
 
 
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:
-    """Begin and end (s) of gaps that are too long for the rates about them to tell what they were inside."""
+    """Begin and end (s) of gaps that are too long for the rates about them to give those inside."""
     longest = longest_crossed(flight.step, flight.q, flight.r)
     between = ((b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest)
     return [(float(flight.time[b]), float(flight.time[a])) for b, a in between]
@@ -192,7 +192,7 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[s
 
 def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
     """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own. The strongest
-    motion, of which `inspect` tells, may be far slower, and is named beside it.
+    motion, which `inspect` reports, may be far slower, and is named beside it.
     """
     flight, spin = record.flight, record.spin_rate
     change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]

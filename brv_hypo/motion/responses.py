@@ -23,7 +23,7 @@ from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid, running
 from brv_hypo.motion.motion import windward_meridian
 from brv_hypo.motion.signals import differentiated, smooth_channel
 
-# Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
+# Width of differences by errors of the record, in standard deviations: what is of second order in it would separate
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
@@ -110,7 +110,7 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
     """Change (n, 3, k) m/s, in the axes of the first sample, of what the body sees of the velocity relative to the air.
     The motion, of `crossflow` (n,), starts as it did. What acts across the velocity turns it; so does a turned attitude
-    what is seen of it.
+    what is observed of it.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
     flow = record.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)

@@ -30,7 +30,7 @@ DERIVATIVE_WIDENING = 1.25  # from one window that is tried to the next
 DERIVATIVE_WINDOWS = 5  # of the widest window, that the longest stretch holds at least
 _WIDE = 400  # weights from which on a filter is quicker by Fourier transforms
 SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density vary slowly
-SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
+SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be separated from the signal
 SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
 SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
 _ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
@@ -54,11 +54,11 @@ class ColouredNoise:
     colour: float = 0.0
 
     def times(self, factor: float) -> ColouredNoise:
-        """The noise so many times as loud."""
+        """The noise so many times as large."""
         return ColouredNoise(factor * self.innovation, self.colour)
 
     def sigma_at(self, frequency: FloatArray | float) -> FloatArray:
-        """Sigma of white noise as loud as this is at frequencies in rad a sample."""
+        """Sigma of white noise as large as this is at frequencies in rad a sample."""
         return np.asarray(self.innovation / np.sqrt(inverse_spectrum(self.colour, frequency)), dtype=float)
 
 
@@ -70,7 +70,7 @@ def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) 
 def white_noise_level(channel: FloatArray | ComplexArray, segments: tuple[tuple[int, int], ...]) -> float:
     """Standard deviation of the white noise of `channel` (n,), in its units; of either part where it is complex.
 
-    A channel that stands still between its steps, or is too short to tell, is credited with the noise of its
+    A channel that is constant between its steps, or too short to judge, is credited with the noise of its
     quantisation. Two that body axes y and z share alike are y + i z: whichever way the axes are rolled, it is the same;
     and no finer than single precision, whatever a simulation wrote.
     """

@@ -58,7 +58,7 @@ class MeasurementModel:
     factors: FloatArray | None  # the share that they add to its scale (kept, e); None where they add none
     sigma: FloatArray  # noise (n,) of either part; inf where nothing is measured
     complex_slope: bool  # whether the slope's coefficients are complex
-    # whether a real slope has a bend with the square of alpha; its coefficient stands after those in time
+    # whether a real slope has a bend with the square of alpha; its coefficient is after those in time
     bends: bool = False
 
     @property

@@ -35,7 +35,7 @@ from brv_hypo.thresholds import REFUSED, SPECIFIC
 # --changed`.
 CHANGE_EDGES = 25  # times, evenly over the record, between any two of which they may: 300 regions
 CHANGE_FINER = 4  # times by which each turn narrows the spacing about the best two, as many to either side
-CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than what the data tell of an edge
+CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than the error of an edge
 CHANGE_CHANCE = 0.01  # p-value, paid for all that is tried, below which a change is reported; convention
 CHANGED_TOGETHER = 3  # coefficients at most that are named as different at once
 # Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.

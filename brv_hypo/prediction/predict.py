@@ -69,7 +69,7 @@ BAND_SIGMAS = 1.96  # standard deviations on either side of the prediction
 BAND_LEVEL = 0.95  # share of a normal distribution between them
 BAND_LEAST_NOISE = 0.1  # share of the noise that a fit leaves at least
 BAND_FREQUENCIES = 2048  # up to half the sample rate, that the noise of moments is summed over
-PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be told to cut it into
+PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be set to cut it into
 PREDICTED_LINEARISATIONS = 2  # where errors of the record are fitted
 _REGIONS = 8  # stretches of the record whose errors are reported apart
 _OF_THE_MOTION = ("motion", "force")  # what every fit finds anew: how the flight began, and the force that shows it
@@ -240,7 +240,7 @@ def _frozen(
     flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool
 ) -> tuple[Fit, IntArray, tuple[str, ...]]:
     """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
-    here, where the model is known if that is enough of the record; where its columns stand in the file; and the
+    here, where the model is known if that is enough of the record; where its columns are in the file; and the
     mechanisms that are left out, as they belong to the times of the model's own flights, which this is not unless it is
     `here`.
     """

@@ -182,7 +182,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     """The outcome in a few sentences. `own` is the share that the same model explains where it is fitted here. Of the
     whole record, as shares of the mean square: what the frozen model leaves (`left`), and what it would if record and
     vehicle erred within their tolerances (`freed`); `remedy` is what `--refit` would name as well for that. What
-    contradicts the model beside these errors it does not mend, unless it names the very coefficient.
+    contradicts the model beside these errors it does not correct, unless it names the very coefficient.
     """
     band, noise, helps, refitted = found.band, found.error.noise, "", remedy.split(",")
     differences = filter(None, (found.difference, *found.further_differences))

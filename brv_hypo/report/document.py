@@ -22,7 +22,7 @@ Role = Literal["measured", "first", "second", "third", "none", "guide"]
 Values = Sequence[float] | FloatArray
 
 MOST_POINTS = 2500  # points drawn of a history; a longer one is thinned evenly, which no screen shows
-MOST_OF_A_PATH = 6000  # the same of a path, whose intervals stand side by side
+MOST_OF_A_PATH = 6000  # the same of a path, whose intervals are side by side
 SMALL, LARGE = 2.6, 8.0  # px: of dots that are many, and few
 
 
@@ -186,8 +186,8 @@ class Table:
 
     rows: Sequence[Mapping[str, str]]
     heading: str = ""
-    words: Collection[str] = ()  # columns that hold words; all others hold numbers, which stand to the right
-    marked: Collection[int] = ()  # rows that stand out
+    words: Collection[str] = ()  # columns that hold words; all others hold numbers, aligned to the right
+    marked: Collection[int] = ()  # rows that are highlighted
     most: int | None = None  # rows that the terminal shows; all of them with -v
     shades: Sequence[Mapping[str, float]] = ()  # how dark (0 to 1) a page shades cells, by row and heading
     shown: Shown = "always"
@@ -205,7 +205,7 @@ class Texts:
     texts: Sequence[str]
     heading: str = ""
     bullets: bool = True
-    warning: bool = False  # warnings stand out
+    warning: bool = False  # warnings are highlighted
     strong: bool = False
     most: int | None = None  # bullets that the terminal shows; all of them with -v
     shown: Shown = "always"

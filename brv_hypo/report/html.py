@@ -51,7 +51,7 @@ _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 175, "frame": 131, "names": 50, "bar": 26, "gap": 32}  # names: of marks, above the frame
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
-"""Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
+"""Height of a row of intervals of a path by how many are in it: squares, and their titles."""
 _AXIS = {
     "linecolor": "--ink",
     "gridcolor": "--rule",
@@ -65,7 +65,7 @@ _AXIS = {
 }
 _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
 """Of a band, which is drawn by its area."""
-_BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
+_BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text is
 _NAME = 13  # height of a mark's name, px
 _WHOLE = 9  # a table of more columns takes the whole width of the page
 _NARROW = 4  # a table of more columns does not fit a third of it
@@ -98,7 +98,7 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
                 in_legend.add(name)
     shapes = {chart.dashed: {"color": "--mark", "width": 1, "dash": "dash"}}
     shapes |= {span.name: {"color": "--masked", "width": 10} for span in chart.spans}
-    for name, line in shapes.items() if traces else ():  # which no legend has: a line of no points stands for them
+    for name, line in shapes.items() if traces else ():  # which no legend has: a line of no points represents them
         empty = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "line": line, "xaxis": "x", "yaxis": "y"}
         traces += [{**empty, "name": name, "legendgroup": name, "showlegend": True}] if name else []
     return {"traces": traces, "layout": _layout(chart), **shared}
@@ -279,7 +279,7 @@ def _parts(blocks: Sequence[Block | Section]) -> list[dict[str, Any]]:
 
 
 def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
-    """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
+    """Blocks that belong together: one without a heading goes with the one before it, unless that is a chart."""
     groups: list[list[Block]] = []
     for block in flat(blocks):
         alone = block.heading or isinstance(block, Chart)

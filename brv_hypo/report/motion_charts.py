@@ -50,7 +50,7 @@ COLOURED = " Neighbouring rows are not independent: standard errors and evidence
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
-_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be visible
 _APART = 0.01  # share of the record that lies between two knots at least: nearer, two dashed lines look like one
 _ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
 _ERRORS = 12  # of the record, that are drawn

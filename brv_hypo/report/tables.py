@@ -78,7 +78,7 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 
 
 def ranking_table(comparison: Comparison) -> Table:
-    """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out. "pred. error" and
+    """One row for each hypothesis, likeliest first; those of the verdict's credible set are marked. "pred. error" and
     "ln evidence" are over those of the baseline only; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict

@@ -237,7 +237,7 @@ def next_step(result: Trace) -> str:
     )
 
 
-_DATA = {  # what tells of a family what it is
+_DATA = {  # what identifies a family's cause
     "stiffness": "a table (--aero); an error of the air's density changes axial force over dynamic pressure as much",
     "rate": "a table or test of the damping, or a flight at other amplitudes",
     "side": "a flight at another roll rate: a side moment of the roll rate changes with it",
@@ -251,7 +251,7 @@ _DATA = {  # what tells of a family what it is
 
 
 def next_data(step: Step) -> str:
-    """How to go on where nothing was added: the family that explains most, and what would tell what it is."""
+    """How to go on where nothing was added: the family that explains most, and what would identify its cause."""
     first = next(filter(is_sure, step.decomposition), None)
     return "" if step.residual.white or first is None else f"To go on: {first.family} first, by {_DATA[first.family]}."
 

@@ -1,7 +1,7 @@
 """From a configuration to a simulated flight: integrate, read the instruments, note the truth.
 
 Nodes of the integration are uniform, with every jump and kink of the moments added; steps are cut where the windward
-meridian turns fast. Mechanisms that look back are given cubic Hermite interpolation of the motion so far
+meridian turns fast. Mechanisms with delays are given cubic Hermite interpolation of the motion so far
 (`Trajectory.past`). `SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate` is
 the entrance.
 """
@@ -105,7 +105,7 @@ def break_times(system: System) -> FloatArray:
         edges += [edge for edge in (item.time_basis.start, item.time_basis.stop) if np.isfinite(edge)]
         delays += [item.theta[each.name] * each.seconds for each in delays_among(item.mechanism.parameters())]
     first, later_by = np.unique(np.array(edges, dtype=float)), np.unique(delays)
-    # The start is a kink only for those who look back at it.
+    # The start is a kink only for delays that reach it.
     kinks = np.concatenate([first, [system.config.start.time]]) if later_by.size > 1 else first
     later = np.unique(kinks[:, None] + later_by)
     return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + later_by)]))
@@ -138,7 +138,7 @@ def integrate(system: System, state: FloatArray, report: Report = silent) -> Tra
         return system.state_rate(value, air, motion), motion
 
     near = np.zeros(1)
-    trajectory.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
+    trajectory.store(0, state, np.zeros_like(state), near)  # the first stage may need the past already
     for node in range(nodes.size - 1):
         begin, end = nodes[node], nodes[node + 1]
         after = begin + _ASIDE if breaks[node] else begin

@@ -308,7 +308,7 @@ def initial_state(equations: System) -> FloatArray:
     """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
     start = equations.config.start
     path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])
-    # such that alpha and its plane turn as asked on a straight path
+    # such that alpha and its plane turn as configured on a straight path
     turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
     transverse = complex(turned * np.exp(-1j * start.windward_meridian))
     state = np.zeros((STATES, 1))

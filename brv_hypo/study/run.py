@@ -60,7 +60,7 @@ COMMIT;
 """
 # A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.
 _FREE = {"title", "flights", "visible_effect"}
-PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
+PARENT_CHECK_SECONDS = 0.5  # how often a worker checks whether it still has one
 CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
@@ -354,7 +354,7 @@ def _on_cluster(call: Callable[[Work], Result], items: Sequence[Work], address: 
 
 def _as_worker_of(parent: int) -> None:
     """A process that, from its first moment, leaves the keyboard to its parent and ends when that has. A parent that
-    was killed could tell nobody, and one that was killed early gave nothing to do.
+    was killed could not report it, and one that was killed early gave nothing to do.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -102,7 +102,7 @@ class CalibrationBin(Statistic):
 
 
 class Calibration(Statistic):
-    """How well the probabilities are calibrated; a score is None where no flight, or none alone, tells it."""
+    """How well the probabilities are calibrated; a score is None where no flight, or none alone, determines it."""
 
     flights: int
     bins: tuple[CalibrationBin, ...]

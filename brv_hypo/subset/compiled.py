@@ -36,7 +36,7 @@ compiled_part: Callable[[Function], Function] = _jit(no_cpython_wrapper=True, no
 # Nodes visited after a hit before the kernel hands it over.
 PATIENCE = 32
 HIT_ROOM = 512
-TURN = 10_000  # nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds
+TURN = 10_000  # nodes between checks of the clock and the board, and of a thread's turn: some tens of milliseconds
 
 
 class Work(NamedTuple):
@@ -168,7 +168,7 @@ def place(w: Work, level: int, j: int, m: int) -> None:
 
 @compiled_part
 def drop(w: Work, level: int, last: int) -> None:
-    """Drop the last column: a rank-one step on H, S as it stands."""
+    """Drop the last column: a rank-one step on H, S unchanged."""
     H, beta = w.H[level], w.beta[level]
     w.bound[level] += beta[last] * beta[last] / H[last, last]
     _downdate(H, beta, H, beta, last)
@@ -176,7 +176,7 @@ def drop(w: Work, level: int, last: int) -> None:
 
 @compiled_part
 def include(w: Work, level: int, last: int) -> None:
-    """Include the last column: a rank-one step on S into the next level, H as it stands."""
+    """Include the last column: a rank-one step on S into the next level, H unchanged."""
     S, c = w.S[level], w.c[level]
     _downdate(S, c, w.S[level + 1], w.c[level + 1], last)
     w.rss[level + 1] = w.rss[level] - c[last] * c[last] / S[last, last]

@@ -203,7 +203,7 @@ class Node:
         )  # fmt: skip
 
     def _with_columns(self, column: int, *, in_front: bool) -> tuple[int, list[int], FloatArray]:
-        """Where a column stands, where the others do, and R of these, with it in front or without it, and z."""
+        """Where a column is, where the others are, and R of these, with it in front or without it, and z."""
         j = int((self.undecided == column).argmax())
         others = [*range(j), *range(j + 1, self.z.size)]
         places = [j, *others] if in_front else others

@@ -136,7 +136,7 @@ def solved_again(problem: Problem, fit: HypothesisFit, selected: Sequence[Regres
 
 
 def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
-    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
+    """Those confounded with the leader on this flight: nearly as good a fit, and as likely beside processes."""
     good = (o for o in others if o.name != leader.name and o.gain > max(CONFOUNDED_GAIN * leader.gain, 0.0))
     return tuple(o.name for o in good if abs(leader.evidence - o.evidence) < SPECIFIC)
 
@@ -203,7 +203,7 @@ class Tried:
     @cached_property
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Of the moments' mean squared errors with it and before, with standard errors over stretches: on the blocks
-        that are for "deciding", on those "reported", and on "both": few stretches tell little of the ratio's error.
+        that are for "deciding", on those "reported", and on "both": few stretches say little of the ratio's error.
         """
         data, found = self.before.data, {}
         both = (data.deciding, data.reported)
@@ -352,7 +352,7 @@ class Choice:
 
     @property
     def reported(self) -> tuple[Candidate, ...]:
-        """The candidates with the leading one first and what this flight cannot tell from it after it."""
+        """The candidates with the leading one first and those confounded with it after it."""
         first = [] if self.leading is None else [self.leading.candidate]
         like = [name for each in first for name in (each.name, *confounded(each, self.ranked))]
         return tuple(sorted(self.ranked, key=lambda each: like.index(each.name) if each.name in like else len(like)))

@@ -22,7 +22,7 @@ from brv_hypo.tracing.fit import Corrected, Flights, correct
 from brv_hypo.tracing.result import Baseline
 
 # Revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and held by its fresh ones; the prior of
-# the schedule is judgement about bodies, after results on the measured entry had been seen.
+# the schedule is judgement about bodies, after results on the measured entry were known.
 SCHEDULE_RELATIVE = 1.0  # 1-sigma of the slope's change within a doubling of the Mach number, over its mean
 TRACED_SLOPE_DEGREE = 2  # of the scheduled stiffness in Mach number
 TRACED_SPAN = (0.5, 99.5)  # percentiles that a quantity runs between

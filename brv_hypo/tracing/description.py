@@ -38,7 +38,7 @@ from brv_hypo.model.term import ALWAYS, Regressor
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.families import Beside
 
-CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
+CONFOUNDED_NEAR = 10.0  # information that a confounded effect may lack against the leader
 DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 DESCRIBED_EDGES = 17  # times, evenly over the record, between any two of which what is described may act
@@ -70,7 +70,7 @@ _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.
 _WIDTHS = {0.1: "", 0.3: " that is gradual", 1.0: " that is slow"}
-# What a single flight cannot tell apart comes in this order: a slope that changes along an entry is first of all a
+# What a single flight cannot separate comes in this order: a slope that changes along an entry is first of all a
 # function of Mach number, and nothing that follows the record's time can be said of another flight.
 _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}
 
@@ -183,7 +183,7 @@ class Described(YamlMechanism):
 
 def described(problem: Problem, name: str) -> HypothesisFit | None:
     """The entry of the dictionary that explains most beside the model, throughout, at its best place; None if none
-    explains anything. Of functions that this flight cannot tell apart, one of the first quantity.
+    explains anything. Of functions that this flight cannot separate, one of the first quantity.
     """
     offered = entries(problem.frame.motions)
     gains = _gains(problem, offered)
@@ -191,7 +191,7 @@ def described(problem: Problem, name: str) -> HypothesisFit | None:
         return None
     leaders = [offered[int(np.argmax(gains))]]
     if leaders[0].follows is not None:
-        # Between the places of a grid a step of another width or quantity may look like more than the right one.
+        # Between the places of a grid a step of another width or quantity may seem to explain more than the right one.
         order = sorted(range(len(offered)), key=lambda k: gains[k])
         changing = [offered[k] for k in order if offered[k].follows is not None]
         leaders = list({(entry.follows, entry.form): entry for entry in changing}.values())

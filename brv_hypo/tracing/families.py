@@ -4,7 +4,7 @@
 
 U are the columns of a model before a step, X those of what was added, Z the splines of every process, all linear about
 the model with it. An effect is established where the evidence without it, the amplitudes of processes estimated anew,
-is far less, and refused where it is far larger; between these the data cannot tell it from processes. The residual is
+is far less, and refused where it is far larger; between these it is inconclusive. The residual is
 decomposed by what explains it: first by effects, then by one family of processes after another, each the one that
 raises the evidence most (forward selection). Entrance: `beside_processes`.
 """

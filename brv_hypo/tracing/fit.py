@@ -201,7 +201,7 @@ class Fit:
 
     @property
     def _places(self) -> IntArray:
-        """Where coefficients and nuisances stand among all unknowns: between them are constants of integration."""
+        """Where coefficients and nuisances are among all unknowns: between them are constants of integration."""
         columns, first = len(self.model.columns), 2 * len(self.problem.rows.part.levels)
         return np.append(np.arange(columns), columns + first + np.arange(len(self.nuisances)))
 

@@ -132,7 +132,7 @@ class Family(NullIsNaN):
 
 
 class TriedCandidate(NullIsNaN):
-    """One effect as tried: `explains`: of the weighed squares; `near_equals`: what this flight cannot tell from it."""
+    """One effect as tried: `explains`: of the weighed squares; `near_equals`: confounded with it on this flight."""
 
     effect: str
     kind: Kind
@@ -234,7 +234,7 @@ class Picture(MotionHistories):
 
 
 class Trace(HasCharts, Result):
-    """The course of a trace: its steps, the model that it ended with, and what is left."""
+    """The history of a trace: its steps, its last model, and the residual."""
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary

@@ -145,7 +145,7 @@ class AccelMisalignment(Triad):
         return turned(flight, ACCELEROMETERS, component, value)
 
 
-# The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
+# The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing shows but
 # the ends of the record, where a shifted channel has to be continued.
 _OTHERS = {"accelerometers": ACCELEROMETERS, "air data": ("velocity", "dynamic_pressure", "mach", "reynolds")}
 

@@ -186,7 +186,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of which none is empty or stands twice."""
+    """Names of which none is empty or repeated."""
     known = [name or f"column {place}" for place, name in enumerate(names, 1)]
     before = [known[:k].count(name) for k, name in enumerate(known)]
     return tuple(f"{name} #{k + 1}" if k else name for name, k in zip(known, before, strict=True))

@@ -1,8 +1,8 @@
-"""Methods of reconstruction, functions that stand in the METHODS of a file here, chosen by `--method NAME`; options.
+"""Methods of reconstruction, functions in the METHODS of a file here, chosen by `--method NAME`; options.
 
     def NAME(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory
 
-A file that stands here is known everywhere: in the settings, on the command line, and to `compare`, which repeats its
+A file here is known everywhere: in the settings, on the command line, and to `compare`, which repeats its
 answer on the motions of the other methods.
 """
 

@@ -54,7 +54,7 @@ from brv_hypo.motion.smoother import (
 )
 from brv_hypo.thresholds import FORCE_UNEXPLAINED
 
-START_PARTS = 5  # unknowns that stand before the errors of the record: direction and gravity at the first sample
+START_PARTS = 5  # unknowns before the errors of the record: direction and gravity at the first sample
 MOTION_MOST_STEPS = 60  # of a search for the motion; bounds the time where it does not converge
 # A search ends where a step would lower the cost by less, the square of what anything moves in standard deviations: at
 # the end, for the motion about which errors are linearised, and where slopes are compared by their scores.
@@ -77,7 +77,7 @@ MOMENT_UNCORRELATED = 0.1  # to which the noise's correlation falls within its c
 FORCE_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 FORCE_ENOUGH = 0.1  # of alpha's rms: the force alone is enough where alpha is then known to this
 FORCE_FAR_LESS = 0.8  # of what was taken for noise: a slope that leaves less is chosen again
-WANDERS = 1.05  # of its noise that a motion leaves of a force: from there on the velocity is taken to wander
+WANDERS = 1.05  # residual of a force over its noise, from which the velocity is taken to wander
 WANDER_STEP, WANDER_MOST = 16.0, 1e6  # factors of the walk's variance: from one to the next, and at most
 MOTION_LINEARISATIONS = 6  # at most, of the errors of the record, each about what was found of them
 MOTION_MOVED = 0.1  # of the crossflow's standard deviation, by which it moves: errors are linearised again
@@ -342,7 +342,7 @@ class RandomWalkSmoother:
 
 
 def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
-    """Coefficients that fit the observation about the crossflow as it stands."""
+    """Coefficients that fit the observation about the present crossflow."""
     valid = np.isfinite(measurement.sigma)
     weight = 1.0 / measurement.sigma[valid]
     columns, right = measurement.columns(xi)[valid] * weight[:, None], measurement.observed[valid] * weight
@@ -434,7 +434,7 @@ def _linearised(
 
 
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float) -> SmoothedMotion:
-    """A fit with simple slopes, of the force alone where it says enough; its noise louder by what slopes lack."""
+    """A fit with simple slopes, of the force alone where it says enough; its noise larger by what slopes lack."""
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
