@@ -1,4 +1,4 @@
-"""What is installed but not asked for changes no result, bit for bit: comparison, trace, simulation, study."""
+"""What is installed but not requested changes no result, bit for bit: comparison, trace, simulation, study."""
 
 from __future__ import annotations
 

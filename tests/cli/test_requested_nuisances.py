@@ -1,4 +1,4 @@
-"""A nuisance of another distribution, by a tolerance of its own, is in every hypothesis once it is asked for."""
+"""A nuisance of another distribution, by a tolerance of its own, is in every hypothesis once it is requested."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def compared(brv_hypo, folder, flight, *arguments, names="bodyfixed", ml="none",
 
 
 @pytest.fixture(scope="module")
-def unasked(brv_hypo, drifted, tmp_path_factory):
-    """The comparison in which no effect is asked for."""
-    return compared(brv_hypo, tmp_path_factory.mktemp("unasked"), drifted)
+def unrequested(brv_hypo, drifted, tmp_path_factory):
+    """The comparison in which no effect is requested."""
+    return compared(brv_hypo, tmp_path_factory.mktemp("unrequested"), drifted)
 
 
 def information(comparison):
@@ -90,22 +90,22 @@ def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo
 
 
 @pytest.mark.thorough
-def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unasked, tmp_path):
+def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unrequested, tmp_path):
     by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
     plugin(tmp_path, "drifting", written(tmp_path).read_text())
     with installed_in(tmp_path):
         not_named = compared(brv_hypo, tmp_path, drifted)
         by_name = compared(brv_hypo, tmp_path, drifted, names="bodyfixed, drift")
     assert information(by_name) == information(by_file) != information(not_named)
-    assert information(not_named) == information(unasked)
+    assert information(not_named) == information(unrequested)
 
 
 @pytest.mark.thorough
-def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, unasked, tmp_path):
+def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, unrequested, tmp_path):
     """The kit's sample is of 600 samples: there it is sound."""
     path = written(tmp_path, early="assert flight.samples == 600")
     found = compared(brv_hypo, tmp_path, drifted, "--plugin", path)
-    assert information(found) == information(unasked)
+    assert information(found) == information(unrequested)
     (reason,) = (text for text in found["warnings"] if "drift" in text)
     assert "AssertionError" in reason
     assert str(path) in reason

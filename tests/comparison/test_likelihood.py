@@ -1,4 +1,4 @@
-"""What a comparison's likelihood is asked for, and what it says of the record's own errors."""
+"""When a comparison estimates by likelihood, and what that says of the record's own errors."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def compared(planted: str) -> Comparison:
 
 @PLANTED
 def test_no_scale_of_all_moments_replaces_a_large_mechanism(planted: str) -> None:
-    """Linearised about the leader, one of its whole moment would stand in for both: in the baseline's fit there."""
+    """Linearised about the leader, one of its whole moment would replace both: in the baseline's fit there."""
     found = judged_cone(planted)
     none = found.fits[found.null]
     assert found.fits[found.leader].name == planted

@@ -50,7 +50,7 @@ def test_what_a_topic_shows_is_what_happens(topic, brv_hypo, tmp_path):
 
 @pytest.mark.parametrize("topic", EXECUTED)
 def test_what_a_topic_shows_can_be_read(topic, brv_hypo):
-    """Commands have these options and arguments, code compiles, files are YAML: what it does is not asked."""
+    """Commands have these options and arguments, code compiles, files are YAML: what it does is not tested."""
     shown = snippets(topic)
     for arguments in (arguments for each in shown if each.language == "console" for arguments, _ in commands(each)):
         done = brv_hypo(*arguments, "--help")
@@ -95,7 +95,7 @@ def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, 
 
 
 OF_MODULES = ("validation", "likelihood", "subset")
-"""Topics that tell options of `python -m` alone."""
+"""Topics that state options of `python -m` alone."""
 
 
 def options_of(command: Any) -> set[str]:

@@ -55,7 +55,7 @@ ACCEPTED = {
     "s": {"s": 1.0, "ms": 1e-3, "minute": 60.0},
     "dimensionless": {"dimensionless": 1.0, "1": 1.0, "": 1.0, "-": 1.0},
 }
-"""Units that stand for an SI unit, by the SI unit, with their size in it."""
+"""Units accepted for an SI unit, by the SI unit, with their size in it."""
 
 
 def motion(samples: int = 400, rate: float = 100.0, frequency: float = 1.5, seed: int = 0) -> dict[str, Any]:

@@ -41,21 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     agreement = parser.add_mutually_exclusive_group()
     agreement.add_argument("--exact", action="store_true", help="bit for bit, on the machine where it was written")
     agreement.add_argument("--close", action="store_true", help="to 1e-9")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        chosen = results(asked.names, every=asked.all)
+        chosen = results(options.names, every=options.all)
     except KeyError as unknown:
         parser.error(f"no such frozen result: {unknown.args[0]}; flights are {', '.join(FLIGHTS)}")
-    if asked.rename:
-        changed = apply_all([frozen_file(*pair) for pair in chosen]) if asked.names else apply_pending()
+    if options.rename:
+        changed = apply_all([frozen_file(*pair) for pair in chosen]) if options.names else apply_pending()
         print(f"renamed in {changed} files")
         return 0
     with threadpool_limits(limits=1):
-        if asked.write:
-            return write(chosen, every=asked.all)
-        if asked.reword:
+        if options.write:
+            return write(chosen, every=options.all)
+        if options.reword:
             return reword(chosen)
-        return check(chosen, "exact" if asked.exact else "close" if asked.close else "across builds")
+        return check(chosen, "exact" if options.exact else "close" if options.close else "across builds")
 
 
 def results(names: Iterable[str], *, every: bool) -> list[tuple[str, Command]]:
@@ -124,7 +124,7 @@ def reword(chosen: Sequence[tuple[str, Command]]) -> int:
     return int(moved)
 
 
-def check(chosen: Sequence[tuple[str, Command]], asked: Literal["exact", "close", "across builds"]) -> int:
+def check(chosen: Sequence[tuple[str, Command]], required: Literal["exact", "close", "across builds"]) -> int:
     """Prints what differs, first by result, then by key; 1 where anything does."""
     begun, found, others = time.process_time(), [], not same_libraries()
     if others:
@@ -143,7 +143,7 @@ def check(chosen: Sequence[tuple[str, Command]], asked: Literal["exact", "close"
             frozen_content(name, command),
             current,
             f"{name}.{command}",
-            asked=asked,
+            required=required,
             allowances=read_allowances() if others else (),
         )
         seconds = time.process_time() - before

@@ -110,21 +110,21 @@ def disagreements(
     found: dict[str, Any],
     name: str,
     *,
-    asked: Literal["exact", "close", "across builds"] = "across builds",
+    required: Literal["exact", "close", "across builds"] = "across builds",
     explanations: Sequence[Explanation] | None = None,
     allowances: Sequence[Allowance] = (),
 ) -> list[Difference]:
-    """What of a result, values and messages, agrees neither as `asked` nor as `explained.yaml` says of its path.
+    """What of a result, values and messages, agrees neither as `required` nor as `explained.yaml` says of its path.
 
-    `name` is NAME.COMMAND. Messages are the same, word for word where `asked` is exact (`same_words`). `allowances` are
+    `name` is NAME.COMMAND. Messages are the same, to the word where `required` is exact (`same_words`). `allowances` are
     those for other libraries, where the libraries are others.
     """
     known = read_explanations() if explanations is None else explanations
-    if asked == "close":
+    if required == "close":
         values = close(frozen["values"], found["values"], f"{name}:values")
     else:
-        values = identical(frozen["values"], found["values"], f"{name}:values", exact=asked == "exact")
-    words = list(_in_words(frozen["messages"], found["messages"], f"{name}:messages", exact=asked == "exact"))
+        values = identical(frozen["values"], found["values"], f"{name}:values", exact=required == "exact")
+    words = list(_in_words(frozen["messages"], found["messages"], f"{name}:messages", exact=required == "exact"))
     return [each for each in (*values, *words) if not _is_explained(each, known) and not _is_allowed(each, allowances)]
 
 

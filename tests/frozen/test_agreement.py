@@ -118,9 +118,9 @@ def test_an_explained_path_need_only_exist() -> None:
 def test_an_explanation_may_require_closeness() -> None:
     frozen, moved = {"values": {"x": 1.0}, "messages": {}}, {"values": {"x": 1.0 + 1e-10}, "messages": {}}
     known = [Explanation("a.b:values/x", "another order of sums", "close")]
-    assert not disagreements(frozen, moved, "a.b", asked="exact", explanations=known)
+    assert not disagreements(frozen, moved, "a.b", required="exact", explanations=known)
     moved["values"]["x"] = 1.0 + 1e-8
-    assert disagreements(frozen, moved, "a.b", asked="exact", explanations=known)
+    assert disagreements(frozen, moved, "a.b", required="exact", explanations=known)
 
 
 def test_other_libraries_may_round_otherwise() -> None:

@@ -257,7 +257,7 @@ def test_the_baseline_has_no_terms() -> None:
     assert one_flight().terms(null).x.shape[1] == 0
 
 
-# ---- What is asked for ----
+# ---- What is requested ----
 
 FOREIGN = '''
 from collections.abc import Sequence
@@ -286,7 +286,7 @@ def brv_hypo_mechanisms():
 
 
 def again() -> Rows:
-    """The rows of one flight with what is asked for now."""
+    """The rows of one flight with what is requested now."""
     judged = judged_cone("bodyfixed")
     return rows_of(judged.rows.problem, judged.fits[judged.leader])
 

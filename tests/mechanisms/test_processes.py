@@ -307,7 +307,7 @@ OWN = in_every_hypothesis()
 QUICK = {"maximum_likelihood": "none", "max_terms": 2, "exact_terms": 2, "knot_count": 3, "refine": False}
 
 
-class _Enough(Exception):  # noqa: N818 - no error: what was asked is known
+class _Enough(Exception):  # noqa: N818 - no error: what was requested is known
     """The comparison has begun."""
 
 

@@ -1,4 +1,4 @@
-"""Frames, atmosphere and the first state: what is asked for is what is flown."""
+"""Frames, atmosphere and the first state: what is configured is what is flown."""
 
 from __future__ import annotations
 

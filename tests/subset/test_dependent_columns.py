@@ -118,7 +118,7 @@ def test_a_search_for_columns_alone_names_no_dependency(monkeypatch: pytest.Monk
     named = best_subsets(X, y, 3, forced=())
 
     def refuse(*_: object) -> None:
-        raise AssertionError("names that nobody reads")
+        raise AssertionError("names that are never read")
 
     monkeypatch.setattr(frame, "_named", refuse)
     assert len(named.aliases) == 3

@@ -88,7 +88,7 @@ def _study(path: Path) -> None:
         if (path / name).exists():
             check(path / name)
     keys = flights_of(path)
-    assert len(set(keys)) == len(keys), f"flights stand twice: {keys}"
+    assert len(set(keys)) == len(keys), f"flights are there twice: {keys}"
 
 
 def _manual(folder: Path) -> None:

@@ -123,7 +123,7 @@ def _killed_and_done(
 
 
 def _at(plan: Plan, usual: Reference, folder: Path) -> Callable[[float], bool]:
-    """The moment of the plan, asked for again and again."""
+    """The moment of the plan, called again and again."""
     share = plan.share
     if share is not None:
         return lambda passed: passed > share * usual.seconds

@@ -35,7 +35,7 @@ def run(
     moment: Callable[[float], bool],
     largest_file: int | None = None,
 ) -> Ended:
-    """Run the program in `folder` and kill it when `moment`, asked with the seconds since its begin, says so."""
+    """Run the program in `folder` and kill it when `moment`, called with the seconds since its begin, says so."""
 
     def limit() -> None:
         if largest_file is not None:

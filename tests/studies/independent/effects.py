@@ -33,7 +33,7 @@ TIMES = (3.0, 10.0)  # detection limits between which a size is drawn
 # below the most that the loop believes of any.
 MOST = RECORD_EFFECT_LARGEST - 5.0
 ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that decides its limit
-FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is asked for
+FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is calculated
 BENDING = "cubic_stiffness"
 # Moments of the vehicle's own errors: a c.g. off the axis, a tilted principal axis.
 VEHICLE = {"trim": "cg_offset", "dynamic_imbalance": "principal_axis"}

@@ -63,9 +63,9 @@ class Outcome:
     misses: dict[str, float]
     """Of a right name: estimate less truth, over its standard error."""
     of_likelihood: dict[str, float] = field(default_factory=dict)
-    """The same by maximum likelihood, where it was asked for and converged."""
+    """The same by maximum likelihood, where it was requested and converged."""
     likelihood: str = ""
-    """How that ended; empty where it was not asked for."""
+    """How that ended; empty where it was not requested."""
 
 
 def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) -> tuple[Made, str, float]:
@@ -245,7 +245,7 @@ def count(what: str, hits: Sequence[bool]) -> str:
 def command_line(
     description: str, flights: int, world: str, arguments: Sequence[str] | None = None, switches: Sequence[str] = ()
 ) -> argparse.Namespace:
-    """What a study of drawn flights is asked for: seed, so many flights unless said, grade, world, jobs, switches."""
+    """The options of a study of drawn flights: seed, so many flights unless said, grade, world, jobs, switches."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=flights)

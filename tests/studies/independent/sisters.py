@@ -36,7 +36,7 @@ EXPLAINED, BAND = 0.95, (0.90, 0.98)
 # Share of the samples where both flew, below which a pair is not counted.
 SMALLEST = 0.1
 # A planted local change: how much of the record it takes, and its edges' width, of that; detection limits between which
-# its size is drawn, and the relative change of the slope at which the limit is asked for.
+# its size is drawn, and the relative change of the slope at which the limit is calculated.
 WIDE, EDGE, TIMES, FIRST = (0.15, 0.35), 0.05, (3.0, 10.0), 0.02
 DAMPED = 0.03  # how much more damping a sister has
 NAMED = 0.5  # share that planted and named Mach numbers have in common of both together

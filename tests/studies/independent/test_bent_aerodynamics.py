@@ -92,7 +92,7 @@ def test_a_normal_force_in_proportion_has_no_bend() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["cone", "biconic"])
 def test_the_walk_of_the_attitude_has_sines_as_fast_as_the_motion(name: str) -> None:
-    """A walk at the frequency of the oscillation turns the vehicle as much as the noise that it is made of is seen."""
+    """A walk at the frequency of the oscillation turns the vehicle as much as the noise that it is made of shows."""
     made, usual = make_flight(name, seed=6), ReconstructionConfig()
     record, smooth = linearisation_point(reconstruction_of(made.flight, usual), usual)
     craft, pressure = CRAFTS[name], float(np.median(made.true.dynamic_pressure))

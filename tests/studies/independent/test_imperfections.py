@@ -1,4 +1,4 @@
-"""Imperfections of the independent simulation: each changes the record, none is there unless it is asked for."""
+"""Imperfections of the independent simulation: each changes the record, none is there unless it is requested."""
 
 from __future__ import annotations
 

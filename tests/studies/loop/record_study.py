@@ -49,7 +49,7 @@ class Ground:
 
 
 def ground(flight: Flight, steps: int) -> Ground:
-    """The record traced for `steps` steps; where none are asked for, its scheduled baseline alone."""
+    """The record traced for `steps` steps; with none, its scheduled baseline alone."""
     settings = TraceConfig(max_steps=max(steps, 1))
     if steps == 0:
         settings = settings.model_copy(update={"effects": (), "discover": False})

@@ -123,7 +123,7 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class _Allowed:
-    """CPU seconds that leaps is given for a case, no more than the target ratio asks for where that is wanted."""
+    """CPU seconds that leaps is given for a case, no more than the target ratio needs where that is requested."""
 
     limit_s: float
     to_target: bool
