@@ -116,8 +116,8 @@ def disagreements(
 ) -> list[Difference]:
     """What of a result, values and messages, agrees neither as `required` nor as `explained.yaml` says of its path.
 
-    `name` is NAME.COMMAND. Messages are the same, to the word where `required` is exact (`same_words`). `allowances` are
-    those for other libraries, where the libraries are others.
+    `name` is NAME.COMMAND. Messages are the same, to the word where `required` is exact (`same_words`). `allowances`
+    are those for other libraries, where the libraries are others.
     """
     known = read_explanations() if explanations is None else explanations
     if required == "close":
