@@ -45,7 +45,8 @@ def plant(
 ) -> SimulatedFlight:
     """A short 6-DOF flight with instrument errors on which a mechanism acts from `start` to `stop` (s).
 
-    `terms` holds the coefficient of each term, `theta` its nonlinear parameters. Raises UsageError for unknown ones.
+    `terms` holds the coefficient of each term, `theta` its nonlinear parameters; UsageError for unknown ones. What acts
+    throughout may be taken for a process of its shape: state times.
     """
     planted = {"mechanism": mechanism, "terms": dict(terms), "theta": dict(theta or {}), "start": start, "stop": stop}
     entry = {key: value for key, value in planted.items() if value is not None}

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import (
-    ANALYSIS,
-    RESULT,
-    FlightFile,
-    Output,
-    Seed,
-    Session,
-    complete_configurations,
-    in_session,
-)
+from brv_hypo.cli.session import ANALYSIS, RESULT, FlightFile, Output, Seed, Session, complete_configs, in_session
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.thresholds import TUMBLING_ALPHA
@@ -133,8 +124,7 @@ def reconstruct(
 def simulate(
     session: Session,
     config: Annotated[
-        str,
-        Argument(metavar="CONFIG.yaml", autocompletion=complete_configurations, help="File, or one that comes along."),
+        str, Argument(metavar="CONFIG.yaml", autocompletion=complete_configs, help="File, or one that comes along.")
     ],
     output: Output,
     plant: Annotated[

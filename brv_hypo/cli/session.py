@@ -244,7 +244,7 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
 
 complete_topics = _completion("docs", "topics")
-complete_configurations = _completion("io.files", "config_names")  # and files, where none begins so
+complete_configs = _completion("io.files", "config_names")  # and files, where none begins so
 complete_studies = _completion("io.files", "config_names", "studies")
 complete_grades = _completion("flight.tolerances", "GRADES")
 complete_installed = _completion("mechanisms.registry", "installed")

@@ -15,46 +15,16 @@ from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison import diagnostics, judgement
+from brv_hypo.comparison import verdict as rules
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
-from brv_hypo.comparison.diagnostics import (
-    best_by_size,
-    delays_at_bounds,
-    diagnostics,
-    events_apart,
-    events_unreached,
-    far_beside_small,
-    motions_beside,
-    with_errors_of_processes,
-)
 from brv_hypo.comparison.intervals import out_of_bounds
-from brv_hypo.comparison.judgement import (
-    Hypotheses,
-    Judged,
-    Say,
-    acting_in,
-    explained,
-    judged,
-    outside,
-    processes,
-    weighed,
-)
+from brv_hypo.comparison.judgement import Hypotheses, Judged, Say
 from brv_hypo.comparison.limits import acting_beside, limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import (
-    Candidate,
-    Fit,
-    judge,
-    with_better_rival,
-    with_far_error,
-    with_far_processes,
-    with_gaps,
-    with_prediction_error,
-    with_second,
-    without_converged_motion,
-    without_power,
-)
+from brv_hypo.comparison.with_processes import beside_leader
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -67,7 +37,7 @@ from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
-from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested, stated_processes
+from brv_hypo.mechanisms.registry import compared, installed, nuisances, parse_hypothesis, requested, stated_processes
 from brv_hypo.model.common_time import at
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
@@ -129,7 +99,7 @@ def compare(
     names = {mechanism.name for mechanisms in wanted.values() for mechanism in mechanisms}
 
     def compared_without(faulty: frozenset[str]) -> Comparison:
-        with requested({*names, *(config.mechanisms or ())}, faulty):
+        with requested({*names, *(config.mechanisms or ())}, faulty, config.options):
             return _compare(analysed, config, say, faulty)
 
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
@@ -159,7 +129,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
     warnings = (*warnings, *sharing_warnings(reconstructions), *short_warnings(reconstructions))
-    beside = judged(reconstructions, config, answered, say)
+    beside = judgement.judged(reconstructions, config, answered, say)
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
@@ -167,16 +137,16 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     leading = fits[beside.leader]
-    verdict = with_far_processes(with_prediction_error(verdict, ratios[leading.name]), stated_processes())
-    if second := acting_beside(leading, beside.evidences[beside.leader], answered, beside.weight):
-        where = " to ".join(at(problem.frame.common, end) for end in second.region)
-        verdict = with_second(verdict, leading.name, second, where)
+    verdict = rules.with_far_processes(rules.with_prediction_error(verdict, ratios[leading.name]), stated_processes())
+    verdict = rules.with_second(verdict, leading.name, *_second(beside, answered))
     if len(flights) > 1:
-        verdict = with_better_rival(verdict, ratios)
+        verdict = rules.with_better_rival(verdict, ratios)
     selected = clock.perf_counter()
     alone = identify_credible(problem, fits, verdict, config, say)
     pairs = {fit.name: (fit, own) for fit, own in zip(fits, beside.evidences, strict=True)}
-    likelihoods = {name: found and with_errors_of_processes(found, *pairs[name]) for name, found in alone.items()}
+    likelihoods = {
+        name: found and diagnostics.with_errors_of_processes(found, *pairs[name]) for name, found in alone.items()
+    }
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -185,26 +155,30 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         total=finished - begun,
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
-    motions, moved = motions_beside(problem.frame.reconstructions, reconstructions)
-    known = {"reconstruction": motion_summary(motions, moved), **diagnostics(beside, comparison, motions)}
-    verdict = without_power(with_far_error(comparison.verdict, known["record_errors"]))
+    motions, moved = diagnostics.motions_beside(problem.frame.reconstructions, reconstructions)
+    known = {"reconstruction": motion_summary(motions, moved), **diagnostics.of_leader(beside, comparison, motions)}
+    verdict = rules.without_power(rules.with_far_error(comparison.verdict, known["record_errors"]))
     leader = comparison.ranking[0]
     if acts := leader.acting:
         # The region is in the time of one flight, or of all flights where these share a clock.
         timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
         gaps = [gap for each in timed for gap in gaps_of(each)]
-        verdict = with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
+        verdict = rules.with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
     if not all(each.converged for each in reconstructions):
-        verdict = without_converged_motion(verdict)
+        verdict = rules.without_converged_motion(verdict)
     if len(flights) > 1 and verdict.outcome != "named":
         verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {ALONE}"})
     known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], leading.name, verdict.outcome):
         warnings = (*warnings, beyond)
-    elif instead := far_beside_small(beside, verdict.processes):
+    elif instead := diagnostics.far_beside_small(beside, verdict.processes):
         warnings = (*warnings, instead)
-    known["best_by_size"] = best_by_size(problem, fits, criteria[beside.null])
-    events = (*events_unreached(comparison), *events_apart(beside), *delays_at_bounds(leading))
+    known["best_by_size"] = diagnostics.best_by_size(problem, fits, criteria[beside.null])
+    events = (
+        *diagnostics.events_unreached(comparison),
+        *diagnostics.events_apart(beside),
+        *diagnostics.delays_at_bounds(leading),
+    )
     return comparison.model_copy(update={**known, "warnings": (*events, *warnings)})
 
 
@@ -213,27 +187,44 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     null, weight, listed = beside.evidences[beside.null], beside.weight, []
     for fit, own in zip(beside.fits, beside.evidences, strict=True):
         fewer = [each for each in beside.fits if len(each.mechanisms) < len(fit.mechanisms)]
-        if fit.mechanisms and (not fit.selected or any(acting_in(each) == acting_in(fit) for each in fewer)):
+        if fit.mechanisms and (
+            not fit.selected or any(judgement.acting_in(each) == judgement.acting_in(fit) for each in fewer)
+        ):
             continue  # nothing is known of it, or the same mechanisms act as in one of the others
         # A value that no body has counts where without it most of the log evidence that the fit gains is lost.
         excess, gain = out_of_bounds(fit), weight * (own.level - null.level)
         possible = excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0)
         impossible = None if possible or excess is None else excess.words
-        listed.append(Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
+        listed.append(rules.Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
-        Candidate(fit.name, weighed(fit, own.level - null.level, each), each * own.held_out, words=words)
-        for words, fit, own in outside(beside, hypotheses)
+        rules.Candidate(
+            fit.name, judgement.weighed(fit, own.level - null.level, each), each * own.held_out, words=words
+        )
+        for words, fit, own in judgement.outside(beside, hypotheses)
         for each in (beside.weight_of(fit, own),)
     ]
-    leader, share = beside.evidences[beside.leader], explained(beside)
+    leader, share = beside.evidences[beside.leader], judgement.explained(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
     significant = share.interval_95[0] > 0.0 and share.share > share.processes
-    how = Fit(beside.misfit, beside.rows.size, squares, significant)
-    verdict = judge(listed, instead, how, share, processes(beside), other_prior)
+    how = rules.Fit(beside.misfit, beside.rows.size, squares, significant)
+    verdict = rules.judge(listed, instead, how, share, judgement.processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)
     return verdict.model_copy(update={"limits": found})
+
+
+def _second(beside: Judged, hypotheses: Hypotheses) -> tuple[str, str]:
+    """The mechanism that acts beside the leader, and about when; empty unless their sum raises the evidence."""
+    fit, own = pair = beside.fits[beside.leader], beside.evidences[beside.leader]
+    second = acting_beside(fit, own, hypotheses, beside.weight)
+    if second is None or second.gain < rules.SECOND_ACTS:
+        return "", ""
+    both, found = beside_leader(beside.problem, pair, second.mechanism)
+    null, weight = beside.evidences[beside.null].level, beside.weight * found.share_of_terms / own.share_of_terms
+    if judgement.weighed(both, found.level - null, weight) <= judgement.weighed(fit, own.level - null, weight):
+        return "", ""
+    return second.mechanism.name, " to ".join(at(beside.problem.frame.common, end) for end in second.shape.region)
 
 
 def identify_credible(
@@ -296,8 +287,10 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
     # By the mechanisms' own names, also of those that are given as files.
     found = {"+".join(each.name for each in own) or name: own for name, own in parsed.items()}
     own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)
-    for name in config.options.keys() - own.keys():
-        hint = meant(name, own, f"compared: {', '.join(own)}.")
+    with requested(config.mechanisms or (), options=config.options):
+        known = {*own, *(each.name for each in nuisances())}
+    for name in config.options.keys() - known:
+        hint = meant(name, known, f"compared: {', '.join(own)}.")
         raise UsageError(f"the settings have options of '{name}', which is not compared; {hint}")
     return found
 

@@ -22,7 +22,9 @@ class CompareConfig(BaseModel):
         "mechanisms; None: the five that come along, and those of files (`--plugin`); `installed`: all. "
         "The name of a nuisance effect of another package puts it into every hypothesis.",
     )
-    options: dict[str, dict[str, Any]] = Field(default_factory=dict, description="Options by mechanism name.")
+    options: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="Options by name of mechanism, effect or process."
+    )
     method: Method = Field(default="joint", description="Of reconstruction, as in `reconstruct`.")
     knots: tuple[float, ...] | None = Field(
         default=None, description="Times (s) at which coefficients may change; None spreads them evenly."

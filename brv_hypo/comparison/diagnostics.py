@@ -10,7 +10,8 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
-from brv_hypo.comparison.judgement import Judged
+from brv_hypo.comparison.judgement import LEAST_SHARE, Judged
+from brv_hypo.comparison.limits import fitted_size
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import Comparison, Knot, ProcessEstimate, RecordError, Series, SizedModel, far_beyond
 from brv_hypo.comparison.summary import motion_histories
@@ -39,14 +40,20 @@ _AT_BOUND = 0.01  # of a range: a value so near its end lies there
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 
-def diagnostics(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
+def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
     """Fields of a comparison, of its leader above all; `motions` of all flights."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
+    independent = judged.weight / (max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0)
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
         error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
         gains[each.name] = {"held_out_gain": float(np.sum(gain)), "held_out_gain_std_error": error}
+        if each.selected:
+            share, moment = max(evidence.share_of_terms, LEAST_SHARE), evidence.rows.measured_moment
+            size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
+            gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
+            gains[each.name] |= {"share_beside_processes": share}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
@@ -229,12 +236,16 @@ def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:
     """Fields of a result: pairs of coefficients that are nearly collinear, with their numbers, and what they form."""
-    starts = [each.time_basis.start for each in columns]
-    when = [f" at {start:.2f} s" if np.isfinite(start) else "" for start in starts]
-    labels = [each.label + at for each, at in zip(columns, when, strict=True)]
+    labels = list(map(_timed, columns))
     pairs = collinear_pairs(covariance).values()
     named = tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs)
     return {"collinear": named, "collinear_groups": collinear_groups(labels, covariance)}
+
+
+def _timed(column: Regressor) -> str:
+    """Its label with the time that it begins at."""
+    start = column.time_basis.start
+    return column.label + (f" at {start:.2f} s" if np.isfinite(start) else "")
 
 
 def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
@@ -249,7 +260,7 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     variance = none.rss / (none.cp + n - 2 * forced)
     sized = [(0, none.rss, ()), *((size, *found) for size, found in sorted(best.items()))]
     return tuple(
-        SizedModel(n_terms=size, n_coefficients=p, cp=rss / variance - n + 2 * p, terms=tuple(c.label for c in columns))
+        SizedModel(n_terms=size, n_coefficients=p, cp=rss / variance - n + 2 * p, terms=tuple(map(_timed, columns)))
         for size, rss, columns in sized
         for p in (forced + size,)
     )

@@ -70,16 +70,15 @@ def limits(
     The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
     `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
-    rows, frame, covariance = evidence.rows, evidence.rows.frame_of(leader), evidence.covariance / weight
-    moment, whole_record = rows.measured_moment, np.ptp(frame.coefficient_time)
-    own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
-    of_leader = _fitted(leader, frame, covariance, scale, own) if own else (0.0, 0.0, 0.0)
+    frame, moment = evidence.rows.frame_of(leader), evidence.rows.measured_moment
+    own, whole_record = {mechanism.name for mechanism in leader.mechanisms}, np.ptp(frame.coefficient_time)
+    of_leader = fitted_size(leader, evidence, weight, own) if own else (0.0, 0.0, 0.0)
     fitted = {"share_of_moment": of_leader[0] / moment, "share_std_error": of_leader[1] / moment}
     known, in_part, sizes = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
             one = {mechanism.name}
-            of_it = of_leader if own == one else _fitted(leader, frame, covariance, scale, one)
+            of_it = of_leader if own == one else fitted_size(leader, evidence, weight, one)
             known[mechanism.name] = of_it[2] / moment
         else:
             (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
@@ -107,10 +106,10 @@ def limits(
 
 
 class Second(NamedTuple):
-    """A mechanism that may act beside the leader, from where to where (s), and its gain, nats as they count."""
+    """A mechanism that may act beside the leader, where, and its gain beside small processes, nats as they count."""
 
-    mechanism: str
-    region: tuple[float, float]
+    mechanism: Mechanism
+    shape: Shape
     gain: float
 
 
@@ -126,22 +125,23 @@ def acting_beside(
     frame, small = evidence.rows.frame_of(leader), evidence.beside_small
     others = {m.name: m for group in hypotheses.values() for m in group if own | {m.name} not in listed}
     found = [
-        Second(name, shape.region, 0.5 * weight * shape.peak)
-        for name, mechanism in others.items()
+        Second(mechanism, shape, 0.5 * weight * shape.peak)
+        for mechanism in others.values()
         for shape in regions([small], frame, mechanism, even_edges(frame, SECOND_EDGES), most=1)[0]
     ]
     return max(found, key=lambda each: each.gain, default=None)
 
 
-def _fitted(
-    fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float, mechanisms: Collection[str]
+def fitted_size(
+    fit: HypothesisFit, evidence: Evidence, weight: float, mechanisms: Collection[str]
 ) -> tuple[float, float, float]:
     """The rms moment that what was fitted of some mechanisms has, its standard error, and what it has at most.
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are, so that their linear `covariance` counts, no less than the moment
-    scatters over stretches of time; of a knot that is not surely placed as far as its interval reaches. `scale`: its
-    relative variance by pressure and inertia.
+    lag do, the moment is known better than they are, so that their linear covariance counts, no less than the moment
+    scatters over stretches of time; of a knot that is not surely placed as far as its interval reaches. A nat counts as
+    `weight`.
     """
+    frame, covariance = evidence.rows.frame_of(fit), evidence.covariance / weight
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
     columns = [frame.moments(fit.selected)]
     for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
@@ -162,7 +162,7 @@ def _fitted(
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))
-    sizes *= 1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)
+    sizes *= 1.0 + np.sqrt(scale_variance(evidence.rows.problem)) * rng.standard_normal(_DRAWS)
     own = float(np.sqrt(np.mean(np.abs(made @ at_mode) ** 2)))
     return own, float(np.std(sizes)), float(np.quantile(sizes, LIMIT_QUANTILE))
 

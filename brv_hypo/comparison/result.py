@@ -10,7 +10,7 @@ from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import estimated, hypothesis, number, times
+from brv_hypo.io.text import estimated, hypothesis, number, percent, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
@@ -132,11 +132,24 @@ class RankedHypothesis(NullIsNaN):
     knots: tuple[Knot, ...] = ()
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
+    impossible: str = ""
+    """Which value no body can have, if any, the fit without processes has, of which F-ratio, C_p and errors are."""
     notes: tuple[str, ...] = ()
     held_out_gain: float = float("nan")
     """ln of the predictive density of each stretch of time given the others, over the baseline only's; weighted."""
     held_out_gain_std_error: float = float("nan")
+    share_of_moment: float = float("nan")
+    """The rms moment of its terms beside processes, over the record's, with its standard error."""
+    share_std_error: float = float("nan")
+    share_beside_processes: float = float("nan")
+    """Of the squares that its terms and processes make: errors are by its root larger than the likelihood's."""
     ml: MaximumLikelihood | None = None
+
+    @property
+    def size(self) -> str:
+        """The rms moment over that of the record, in a sentence; empty where it is not known."""
+        share = estimated(100.0 * self.share_of_moment, 100.0 * self.share_std_error)
+        return "" if np.isnan(self.share_of_moment) else f"Its rms moment is {share} % of the record's."
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
@@ -393,13 +406,6 @@ class Series(MotionHistories):
     """
 
 
-def percent(share: float) -> str:
-    """Whole; near nothing and near all to hundredths."""
-    if share < 5e-5:
-        return "<0.01" if share > 0.0 else "0"
-    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.98 else 2}f}"
-
-
 class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict. `reference_flight`: number (from 1) of the one of several flights
     in whose time regions and knots are given; None for one flight, and where all have the same clock. The `flight` of
@@ -504,7 +510,7 @@ class Comparison(HasCharts, Result):
             damps = ", which adds damping" if net.value < 0.0 else ", which takes damping away"
             sign = damps if net.name == DAMPING else ""
             size = f" {net.name} is {estimated(net.value, net.std_error)}{sign}."
-        size += self._how_large(leader.mechanism)
+        size += f" {leader.size}" if leader.size else ""
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"{best} acts from Mach {machs}, on each flight at its own times.{size}"
@@ -512,14 +518,6 @@ class Comparison(HasCharts, Result):
             return f"{best} acts throughout the record.{size}"
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
         return f"{best} acts from {times(*ends)}{known}.{size}"
-
-    def _how_large(self, leader: str) -> str:
-        """The rms moment of the leader over that of the record, in a sentence; empty where it is not known."""
-        for each in self.verdict.limits:
-            if each.mechanism == leader and not np.isnan(each.share_of_moment):
-                share = estimated(100.0 * each.share_of_moment, 100.0 * each.share_std_error)
-                return f" Its rms moment is {share} % of the record's."
-        return ""
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

@@ -9,20 +9,8 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.comparison import result
 from brv_hypo.comparison.intervals import channel_of, estimate, intervals, out_of_bounds
-from brv_hypo.comparison.result import (
-    BaselineSummary,
-    Comparison,
-    DerivedEstimate,
-    FlightSummary,
-    Knot,
-    MaximumLikelihood,
-    RankedHypothesis,
-    ReconstructionSummary,
-    Seconds,
-    TermEstimate,
-    Verdict,
-)
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS, Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
@@ -40,16 +28,14 @@ _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, Slope
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
-def criteria_disagree(
-    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float], impossible: Mapping[str, str] = {}
-) -> tuple[str, ...]:
+def criteria_disagree(ranking: Sequence[result.RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
     """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing. The F-ratio
-    is none of `none`: it is against it. No probability comes first where none is left for the list. `impossible`: by
-    hypothesis, the value in words that no body has, of which the other criteria know nothing.
+    is none of `none`: it is against it. No probability comes first where none is left for the list.
     """
     if len(ranking) < 2:
         return ()
     first, named = dict[str, str](), [row for row in ranking if probability.get(row.mechanism, 0.0) > 0.0]
+    impossible = {row.mechanism: f" (with {row.impossible})" for row in ranking if row.impossible}
     if tested := [row for row in ranking if row.f_ratio is not None]:
         first["F-ratio"] = max(tested, key=lambda row: row.f_ratio or 0.0).mechanism
     first["C_p"] = min(ranking, key=lambda row: row.cp).mechanism
@@ -62,7 +48,7 @@ def criteria_disagree(
     for each in dict.fromkeys(first.values()):
         names = [name for name, leader in first.items() if leader == each]
         joined = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        leaders.append(f"{joined}: {hypothesis(each)}" + (f" (with {impossible[each]})" if each in impossible else ""))
+        leaders.append(f"{joined}: {hypothesis(each)}{impossible.get(each, '')}")
     return (f"the criteria put different hypotheses first: {'; '.join(leaders)}",)
 
 
@@ -74,10 +60,10 @@ def summarise(
     fits: Sequence[HypothesisFit],
     errors: Sequence[float],
     criteria: Sequence[Criteria],
-    seconds: Seconds,
+    seconds: result.Seconds,
     likelihoods: Mapping[str, Identification | None],
-    verdict: Verdict,
-) -> Comparison:
+    verdict: result.Verdict,
+) -> result.Comparison:
     """Rank the fits, and gather all that the result holds. The baseline is as beside the likeliest: without what moved
     the vehicle, its terms and the errors of the record make up for that.
     """
@@ -88,23 +74,23 @@ def summarise(
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = problem.frame.reconstructions
-    excesses = {fit.name: out_of_bounds(fit) for fit in fits if 0.5 * fit.bound_cost > SPECIFIC}
-    impossible = {name: excess.words for name, excess in excesses.items() if excess is not None}
-    return Comparison(
+    return result.Comparison(
         flights=tuple(flight_summary(r.flight) for r in reconstructions),
         reference_flight=None if problem.frame.common is None else problem.frame.common.reference + 1,
         reconstruction=motion_summary(reconstructions),
-        baseline=BaselineSummary(terms=_terms(fits[order[0]], slice(fits[order[0]].baseline_size))),
+        baseline=result.BaselineSummary(terms=_terms(fits[order[0]], slice(fits[order[0]].baseline_size))),
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
-        disagreements=criteria_disagree(ranking, verdict.probability, impossible),
+        disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
 
-def motion_summary(reconstructions: Sequence[Reconstruction], moved: Sequence[float] = (0.0,)) -> ReconstructionSummary:
+def motion_summary(
+    reconstructions: Sequence[Reconstruction], moved: Sequence[float] = (0.0,)
+) -> result.ReconstructionSummary:
     """How well the motions of all flights are known, how far a model `moved` them (rad), and what limits them."""
-    return ReconstructionSummary(
+    return result.ReconstructionSummary(
         method=reconstructions[0].method,
         alpha_rms_sigma_rad=rms(np.array([r.alpha_rms_sigma for r in reconstructions])),
         phi_w_rms_sigma_rad=rms(np.array([r.phi_w_rms_sigma for r in reconstructions])),
@@ -113,9 +99,9 @@ def motion_summary(reconstructions: Sequence[Reconstruction], moved: Sequence[fl
     )
 
 
-def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSummary:
+def flight_summary(flight: Flight, analysed: Flight | None = None) -> result.FlightSummary:
     """The part of a record that was compared, and what was done to it before it was `analysed`."""
-    return FlightSummary(
+    return result.FlightSummary(
         path=flight.path,
         samples=flight.samples,
         start_s=float(flight.time[0]),
@@ -137,19 +123,19 @@ def record_summary(trials: Sequence[RecordTrial]) -> RecordTrial:
     return RecordTrial(sound=all(trial.sound for trial in trials), faults=tuple(faults))
 
 
-def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
+def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> result.Comparison:
     """The result for a record that contradicts itself: no ranking, and a verdict that says where."""
     record = record_summary(trials)
     worst = record.faults[0]
     unsound = next(flight for flight, trial in zip(flights, trials, strict=True) if not trial.sound)
     which = f" of {unsound.path or unsound.title}" if len(flights) > 1 else ""
-    return Comparison(
+    return result.Comparison(
         flights=tuple(flight_summary(flight) for flight in flights),
-        reconstruction=ReconstructionSummary(method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None),
-        baseline=BaselineSummary(terms=()),
+        reconstruction=result.ReconstructionSummary(method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None),
+        baseline=result.BaselineSummary(terms=()),
         record=record,
         ranking=(),
-        verdict=Verdict(
+        verdict=result.Verdict(
             winner=None,
             outcome="record fault",
             equivalent=(),
@@ -158,7 +144,7 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
             f"{times(worst.start_s, worst.stop_s)}): {worst.action}. "
             "`compare --accept-record` compares it nevertheless.",
         ),
-        seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
+        seconds=result.Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )
 
 
@@ -170,10 +156,12 @@ def _ranked(
     null_error: float,
     problem: Problem,
     likelihoods: Mapping[str, Identification | None],
-) -> RankedHypothesis:
+) -> result.RankedHypothesis:
     total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
-    return RankedHypothesis(
+    bare = replace(fit, values=problem.solution(fit.frame, fit.columns)[0], ends=False)
+    excess = out_of_bounds(bare) if fit.selected else None
+    return result.RankedHypothesis(
         rank=rank,
         mechanism=fit.name,
         f_ratio=criteria.f_ratio if fit.selected else None,
@@ -192,6 +180,7 @@ def _ranked(
         knots=_knots(fit),
         criteria=asdict(criteria),
         status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
+        impossible=excess.words if excess is not None and 0.5 * excess.sigmas**2 > SPECIFIC else "",
         notes=(_LEFT_OUT,) if likelihoods.get(fit.name, True) is None else (),
         ml=_likelihood(fit, likelihoods.get(fit.name)),
     )
@@ -199,7 +188,7 @@ def _ranked(
 
 def estimates(
     columns: Sequence[Regressor], values: FloatArray, covariance: FloatArray, frame: RateFrame
-) -> tuple[TermEstimate, ...]:
+) -> tuple[result.TermEstimate, ...]:
     """Coefficients (columns,) with the standard errors of their covariance, as a result has them."""
     sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), []
     for column, value, sigma in zip(columns, values.tolist(), sigmas, strict=True):
@@ -215,7 +204,7 @@ def of_flight(frame: RateFrame, number: int | None) -> str:
     return "" if number is None or len(frame.motions) == 1 else f" [flight {number + 1}]"
 
 
-def _terms(fit: HypothesisFit, indices: slice) -> tuple[TermEstimate, ...]:
+def _terms(fit: HypothesisFit, indices: slice) -> tuple[result.TermEstimate, ...]:
     """Some of the coefficients of a fit."""
     return estimates(fit.columns[indices], fit.values[indices], fit.covariance[indices, indices], fit.frame)
 
@@ -228,14 +217,14 @@ def _region(frame: RateFrame, column: Regressor) -> tuple[float, float] | None:
     return max(column.time_basis.start, float(time.min())), min(column.time_basis.stop, float(time.max()))
 
 
-def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
+def _knots(fit: HypothesisFit) -> tuple[result.Knot, ...]:
     """The ends of its columns' regions by Mach number, in time order; none where flights have their own times."""
     common = fit.frame.common
     if common is None:
         return ()
     edges = {edge for column in fit.selected for edge in _region(fit.frame, column) or ()}
     return tuple(
-        Knot(
+        result.Knot(
             time_s=edge,
             mach=common.mach(edge),
             flights_s=tuple(own.own_at(edge) if own.flies(edge) else None for own in common.flights),
@@ -244,21 +233,22 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
     )
 
 
-def _likelihood(fit: HypothesisFit, found: Identification | None) -> MaximumLikelihood | None:
+def _likelihood(fit: HypothesisFit, found: Identification | None) -> result.MaximumLikelihood | None:
     """The contract's block; None where the hypothesis was out of reach."""
     if found is None:
         return None
     refined = replace(
         fit, columns=found.columns, values=found.values, nonlinear=(), joint_covariance=found.covariance, left_out=None
     )
-    return MaximumLikelihood(
+    return result.MaximumLikelihood(
         status=found.status,
         message=found.message,
         iterations=found.iterations,
         log_likelihood=found.log_likelihood,
         terms=_terms(refined, slice(fit.baseline_size, None)),
         derived=tuple(
-            DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
+            result.DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units)
+            for e in found.nonlinear
         ),
         instrument=tuple(
             estimate(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
@@ -268,11 +258,11 @@ def _likelihood(fit: HypothesisFit, found: Identification | None) -> MaximumLike
     )
 
 
-def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
+def _derived(fit: HypothesisFit) -> tuple[result.DerivedEstimate, ...]:
     found, end = [], float(fit.frame.coefficient_time.max())
     for own, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         name = f"{own.mechanism} {own.name}"
-        found.append(DerivedEstimate(name=name, value=own.value, std_error=sigma, units=own.units))
+        found.append(result.DerivedEstimate(name=name, value=own.value, std_error=sigma, units=own.units))
     vectors: dict[Choice, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.grouped:
@@ -284,7 +274,7 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         covariance = over**2 * fit.covariance[np.ix_(members, members)]
         region = None if time_basis.kind == "constant" else (time_basis.start, end)
         found.extend(
-            DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
+            result.DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
             for d in fit.frame.mechanisms[name].derived(values, covariance)
         )
     return tuple(found)

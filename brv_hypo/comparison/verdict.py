@@ -11,25 +11,14 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.limits import Second
-from brv_hypo.comparison.result import (
-    Adequacy,
-    Explained,
-    Interval,
-    Outcome,
-    ProcessEstimate,
-    RecordError,
-    Verdict,
-    far_beyond,
-    percent,
-)
-from brv_hypo.io.text import error_share, hypothesis, number, times
+from brv_hypo.comparison.result import Adequacy, Explained, Outcome, ProcessEstimate, RecordError, Verdict, far_beyond
+from brv_hypo.io.text import error_share, hypothesis, number, percent, times
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict several flights far better; wording alone
-# Nats as they count, from which a second mechanism is said to act: of two that act 200 to 9,000, of one up to 132
-# (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
+# Nats as they count beside small processes, from which a second mechanism is fitted: of two that act 200 to 9,000, of
+# one up to 132 (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
 OTHER = "other"
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes replace something
@@ -141,7 +130,8 @@ def judge(
         return verdict.model_copy(update={"equivalent": (), "reason": _inadequate(leader, fit, chances, outside)})
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
-    reason = _undecided(verdict, leader, decision.predicts, outside)
+    null = next((candidate for candidate in listed if candidate.name == NONE), leader)
+    reason = _undecided(verdict, leader, outside) if decision.predicts else _unpredicted(verdict, leader, null, fit)
     if confirmed < whole.chances[leader.name]:
         reason += (
             f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
@@ -219,16 +209,22 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
     return f"{leader.name} explains the moments best (probability {chance})."
 
 
+def _describes(verdict: Verdict, why: str) -> str:
+    """The reason of a verdict whose name is withdrawn, and why; where it has none, with that as a sentence more."""
+    if verdict.winner is None:
+        return f"{verdict.reason} {why[0].upper()}{why[1:]}."
+    chance = _share(verdict.probability[verdict.winner])
+    _, _, rest = verdict.reason.partition(").")  # after that it explains the moments best
+    best = f"{verdict.winner} describes the moments best (probability {chance}), when and in which plane they changed"
+    return f"{best}, but {NO_CAUSE}: {why}.{rest}"
+
+
 def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     """The verdict without the name of a mechanism that does not predict: a held-out `ratio` of errors above 1."""
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
-    chance = _share(verdict.probability[verdict.winner])
-    said = (
-        f"{verdict.winner} describes the moments best (probability {chance}), when and in which plane they changed, "
-        f"but {NO_CAUSE}: without processes it predicts held-out blocks no better than the baseline "
-        f"({error_share(ratio)} of its error)."
-    )
+    worse = f"no better than the baseline ({error_share(ratio)} of its error)"
+    said = _describes(verdict, f"without processes it predicts held-out blocks {worse}")
     return _described(verdict, verdict.winner, said)
 
 
@@ -243,8 +239,7 @@ def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
     best = verdict.winner or verdict.described
     if best in (None, NONE) or not (far := far_beyond(errors)):
         return verdict
-    cause = f" It {NO_CAUSE}." if verdict.described is None else ""
-    return _described(verdict, best, f"{verdict.reason}{cause} Beside it, {far}: check that first.")
+    return _described(verdict, best, _describes(verdict, f"beside it, {far}: check that first"))
 
 
 def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdict:
@@ -256,21 +251,19 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
     far = [each for each in verdict.processes if each.is_far and each.is_of_moment and each.name not in stated]
     if best in (None, NONE) or not far:
         return verdict
-    cause = f" It {NO_CAUSE}." if verdict.winner is not None else ""
     sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
-    said = (
-        f"{verdict.reason}{cause} Beside it processes are far beyond their ordinary size ({sizes} times): something "
-        f"large is not on the list, or two mechanisms act (list their sum, as {best}+NAME)."
-    )
+    sums = [each.mechanism for each in verdict.limits if best in each.mechanism.split("+") and each.mechanism != best]
+    two = "" if sums or "+" in str(best) else f", or two mechanisms act (list their sum, as {best}+NAME)"
+    large = f"beside it processes are far beyond their ordinary size ({sizes} times)"
+    said = _describes(verdict, f"{large}: something large is not on the list{two}")
     return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
 
 
-def with_second(verdict: Verdict, leader: str, second: Second, where: str) -> Verdict:
-    """The verdict, with another mechanism that seems to act beside its leader, and `where` in words."""
-    if second.gain < SECOND_ACTS:
+def with_second(verdict: Verdict, leader: str, second: str, where: str) -> Verdict:
+    """The verdict, with another mechanism that seems to act beside its leader, and `where` in words; "" for none."""
+    if not second:
         return verdict
-    both = f"{leader}+{second.mechanism}"
-    said = f" {second.mechanism} seems to act beside {leader}, about {where}: compare {both} as well."
+    said = f" {second} seems to act beside {leader}, about {where}: compare {leader}+{second} as well."
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
@@ -305,7 +298,7 @@ def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
-def with_gaps(verdict: Verdict, leader: str, acts: Interval, gaps: Sequence[Interval]) -> Verdict:
+def with_gaps(verdict: Verdict, leader: str, acts: tuple[float, float], gaps: Sequence[tuple[float, float]]) -> Verdict:
     """The verdict, with the gaps of the record in the region where its leader acts, or beside it, all in s.
 
     Beside it is within a gap's own length: what happened inside may belong to the region as well.
@@ -321,13 +314,20 @@ def with_gaps(verdict: Verdict, leader: str, acts: Interval, gaps: Sequence[Inte
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
-def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
-    if not predicts:
-        return (
-            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains less than "
-            "processes do, or nothing significant, or predicts stretches of the record from the others no better than "
-            "baseline and processes."
-        )
+def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit) -> str:
+    found, lacks = verdict.explained, list[str]()
+    if fit.explains <= 0.0 or (found is not None and found.interval_95[0] <= 0.0):
+        lacks.append("explains nothing significant of what the baseline does not")
+    elif not fit.significant:
+        sizes = "" if found is None else f" ({percent(found.share)} %, these {percent(found.processes)} %)"
+        lacks.append(f"explains less than processes do{sizes}")
+    if np.sum(leader.held_out) <= np.sum(null.held_out):
+        lacks.append("predicts stretches of the record from the others no better than baseline and processes")
+    largest = f"{leader.name} has the largest evidence (probability {_share(verdict.probability[leader.name])})"
+    return f"The data do not name one hypothesis: {largest}, but it {', and '.join(lacks)}."
+
+
+def _undecided(verdict: Verdict, leader: Candidate, outside: Sequence[Candidate]) -> str:
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     best = max(outside, key=lambda candidate: candidate.level, default=None)
     other = "something else" if best is None else f"something else, such as {best.words},"

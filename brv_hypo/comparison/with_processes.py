@@ -280,6 +280,13 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
     return found
 
 
+def beside_leader(problem: Problem, pair: Pair, other: Mechanism) -> Pair:
+    """The leader, one mechanism, and another that may act beside it, together; without that if likelier."""
+    (fit, own), mechanisms = pair, (*pair[0].mechanisms, other)
+    like = replace(fit, mechanisms=mechanisms, frame=problem.frame.with_mechanisms(mechanisms))
+    return likelier(together(problem, (like, own), {fit.name: pair}))
+
+
 def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tuple[Mechanism, Shape]]:
     """So many regions, the best first, that begin at once, and as many that come on over a time, near the best."""
     near = [one for one in ordered if ordered[0][1].peak - one[1].peak < 2.0 * _NEAR]

@@ -138,6 +138,13 @@ def share(value: float | None) -> str:
     return "<0.01 %" if 0.0 < value < 1e-4 else f"{number(100.0 * value, 2)} %"
 
 
+def percent(ratio: float) -> str:
+    """A ratio in percent, without the sign: whole; near nothing and near all to hundredths."""
+    if ratio < 5e-5:
+        return "<0.01" if ratio > 0.0 else "0"
+    return f"{100.0 * ratio:.{0 if 0.01 <= ratio <= 0.98 else 2}f}"
+
+
 def error_share(ratio: float | None) -> str:
     """A held-out error over another in percent; of one far larger its size says nothing."""
     return ">1000 %" if ratio is not None and ratio > 10.0 else share(ratio)

@@ -44,7 +44,6 @@ from brv_hypo.flight.units import to_si
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
-ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
 hookimpl = pluggy.HookimplMarker("brv_hypo")
 TimeVariation = Literal["constant", "jump", "ramp"]
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
@@ -119,7 +118,17 @@ class Component(NamedTuple):
 class Mechanism(BaseModel, ABC):
     """A hypothesis about the moments. Subclass it, set the class variables, write `terms`.
 
-    Instance fields are the mechanism's options: pydantic checks what a configuration sets.
+    Instance fields are the mechanism's options: pydantic checks what a configuration sets. Class variables:
+
+    time_variation        how a coefficient may change in time (Eq. 3.6): constant, jumps at knots, ramps from knots
+    terms_enter_together  the terms of one region are components of one vector: they enter and leave together
+    stated_family         one of `FAMILIES`; None: that of the processes whose shapes make most of its moment
+    characteristic        names of the terms without one of which a fit says nothing of this mechanism in particular, as
+                          a stiffness that changes says nothing of asymmetric flow; empty where every term does
+    bounds                least and greatest net coefficient on any body, by term: {"eps": (0.0, 1.0)} of a fraction
+    wind_fixed            the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1
+    follows               the quantity whose schedule the terms are, which comes before jumps in time; a model that has
+                          taken in one by Mach number has that schedule, smooth, from then on
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -130,21 +139,12 @@ class Mechanism(BaseModel, ABC):
     source: ClassVar[str]
     kind: ClassVar[Literal["mechanism", "aerodynamic", "process"]] = "mechanism"
     time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant", "jump")
-    """How a coefficient may change in time (Eq. 3.6): constant, jumps at knots, ramps from knots."""
     terms_enter_together: ClassVar[bool] = False
-    """True where the terms of one region are components of one vector: they enter and leave together."""
     stated_family: ClassVar[str | None] = None
-    """One of `FAMILIES`; None: that of the processes whose shapes make most of its moment."""
     characteristic: ClassVar[tuple[str, ...]] = ()
-    """Names of the terms without one of which a fit says nothing of this mechanism in particular, as a stiffness that
-    changes says nothing of asymmetric flow; empty where every term does."""
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """What the net coefficient of a term can be on any body, by term: a fraction lies in [0, 1]."""
     wind_fixed: ClassVar[bool] = False
-    """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
     follows: ClassVar[Literal["mach", "reynolds"] | None] = None
-    """The quantity whose schedule the terms are, which comes before jumps in time. A model that takes in one by Mach
-    number has that schedule, smooth, from then on."""
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The nonlinear parameters with their grids; none by default."""
@@ -189,8 +189,7 @@ class RecordEffect(BaseModel, ABC):
     claims: ClassVar[str]
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
-    family: ClassVar[str] = "data quality"
-    """One of `FAMILIES`: whose residual it would explain."""
+    family: ClassVar[str] = "data quality"  # one of `FAMILIES`: whose residual it would explain
     carried: ClassVar[bool] = True
     """Whether it is part of every hypothesis, with the prior that the tolerances in `components` give it; of another
     distribution where its file (`--plugin`) or its name is given. False for events that are hypotheses of their own,
@@ -221,10 +220,8 @@ class MomentProcess(Mechanism):
     kind = "process"
     time_variation = ("constant",)
 
-    family: ClassVar[str]
-    """One of `FAMILIES`."""
-    splines: ClassVar[int]
-    """How many each shape has: 1, a constant, or at least 4."""
+    family: ClassVar[str]  # one of `FAMILIES`
+    splines: ClassVar[int]  # how many each shape has: 1, a constant, or at least 4
     start: float = 0.0
     stop: float = 1.0
 
@@ -255,12 +252,9 @@ class RecordProcess(RecordEffect):
     carried = False
 
     channels: ClassVar[tuple[str, ...]]
-    splines: ClassVar[int]
-    """How many each channel has: 1, a constant, or at least 4."""
-    units: ClassVar[str]
-    """SI units of the history."""
-    size: ClassVar[float]
-    """One unit of the amplitude, whose prior is centred on a tenth of it."""
+    splines: ClassVar[int]  # how many each channel has: 1, a constant, or at least 4
+    units: ClassVar[str]  # SI units of the history
+    size: ClassVar[float]  # one unit of the amplitude, whose prior is centred on a tenth of it
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One for each channel and spline."""

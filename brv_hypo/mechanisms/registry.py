@@ -28,18 +28,12 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import meant, one_line
 from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, unchecked
-from brv_hypo.mechanisms.contract import (
-    ENTRY_POINT_GROUP,
-    Mechanism,
-    MomentProcess,
-    Process,
-    RecordEffect,
-    RecordProcess,
-)
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect, RecordProcess
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
 from brv_hypo.settings import problems_of
 
+ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
 OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
 HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
 
@@ -171,8 +165,11 @@ def _add(found: dict[str, Installed], package: str, version: str, load: Callable
             item.name, Installed(item if package == OWN else checked(item, package), package, version)
         )
         if unchecked(kept.item) is not item:
-            twice = f"'{item.name}' of {package} has the name of one of {kept.package}, which is kept."
-            problems.append(f"{twice} Uninstall or rename one of them.")
+            twice = f"'{item.name}' of {package} has the name of one of {kept.package}"
+            then = (
+                "name --plugin once, or rename one" if package in _files else "which is kept: uninstall or rename one"
+            )
+            problems.append(f"{twice}, {then} of them.")
     return problems
 
 
@@ -199,17 +196,18 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
     """The mechanism of that name or file, with options; raises UsageError with the nearest names, or what is wrong."""
     item = _found(name, [key for key, entry in installed().items() if isinstance(entry.item, Mechanism)])
     assert isinstance(item, Mechanism)
-    if not options or is_mechanism_file(name):
-        return item
-    package, plain = installed()[name].package, unchecked(item)
+    return item if not options or is_mechanism_file(name) else _with_options(item, options)
+
+
+def _with_options(item: Any, options: Mapping[str, Any]) -> Any:
+    """An installed item with options of its own; UsageError for what is wrong with them."""
+    package, plain, name = installed()[item.name].package, unchecked(item), item.name
     try:
         made = answer(name, package, plain.__class__.model_validate, {**plain.model_dump(), **options})
     except MechanismError as error:
         if isinstance(error.__cause__, ValidationError):
             known = ", ".join(type(plain).model_fields) or "none"
-            raise UsageError(
-                f"bad options for mechanism '{name}': {problems_of(error.__cause__)}. It has: {known}."
-            ) from None
+            raise UsageError(f"bad options for '{name}': {problems_of(error.__cause__)}. It has: {known}.") from None
         raise
     return checked(made, package) if is_checked(item) else made
 
@@ -249,15 +247,16 @@ def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None 
 # ---- Nuisances: what every hypothesis has, within its tolerance ----
 
 
-_NONE: frozenset[str] = frozenset()
-_requested: ContextVar[tuple[frozenset[str], frozenset[str]]] = ContextVar("requested", default=(_NONE, _NONE))
-"""Names that a comparison requests, and those of plugins that broke their contract in it."""
+Options = Mapping[str, Mapping[str, Any]]
+_NONE: tuple[frozenset[str], frozenset[str], Options] = (frozenset(), frozenset(), {})
+_requested = ContextVar("requested", default=_NONE)
+"""Names that a comparison requests, those of plugins that broke their contract in it, and options by name."""
 
 
 @contextmanager
-def requested(names: Iterable[str], faulty: Iterable[str] = ()) -> Iterator[None]:
-    """In the block, nuisances of other distributions are those of `names` and of files, without the `faulty`."""
-    token = _requested.set((frozenset(names), frozenset(faulty)))
+def requested(names: Iterable[str], faulty: Iterable[str] = (), options: Options = _NONE[2]) -> Iterator[None]:
+    """In the block nuisances have `options`; those of others are of `names` and files, without the `faulty`."""
+    token = _requested.set((frozenset(names), frozenset(faulty), options))
     try:
         yield
     finally:
@@ -266,17 +265,17 @@ def requested(names: Iterable[str], faulty: Iterable[str] = ()) -> Iterator[None
 
 def nuisance_effects() -> tuple[RecordEffect, ...]:
     """The record effects that are part of every hypothesis."""
-    return tuple(item for item in _nuisances() if isinstance(item, RecordEffect) and item.carried)
+    return tuple(item for item in nuisances() if isinstance(item, RecordEffect) and item.carried)
 
 
 def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
     """The mechanisms whose coefficients the record's tolerances of the vehicle bound."""
-    return tuple(item for item in _nuisances() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+    return tuple(item for item in nuisances() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
 
 
 def record_processes() -> tuple[RecordProcess, ...]:
     """The processes of instruments and air that are part of every hypothesis."""
-    return tuple(item for item in _nuisances() if isinstance(item, RecordProcess))
+    return tuple(item for item in nuisances() if isinstance(item, RecordProcess))
 
 
 def stated_processes() -> frozenset[str]:
@@ -286,14 +285,15 @@ def stated_processes() -> frozenset[str]:
 
 def moment_processes() -> tuple[MomentProcess, ...]:
     """The processes of the moment that are part of every hypothesis."""
-    return tuple(item for item in _nuisances() if isinstance(item, MomentProcess))
+    return tuple(item for item in nuisances() if isinstance(item, MomentProcess))
 
 
-def _nuisances() -> list[Item]:
+def nuisances() -> list[Item]:
     """All of which a tolerance may be known: of this distribution, or requested."""
-    names, faulty = _requested.get()
+    names, faulty, options = _requested.get()
     wanted = {name for name, entry in installed().items() if entry.package in (OWN, *_files)} | names
-    return [entry.item for name, entry in installed().items() if name in wanted - faulty]
+    items = [entry.item for name, entry in installed().items() if name in wanted - faulty]
+    return [_with_options(item, options[item.name]) if item.name in options else item for item in items]
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:

@@ -39,11 +39,11 @@ ALONE = (
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
-    "F-ratio, C_p, pred. error: of fits without processes, at knots and delays that are likeliest beside processes. So "
-    "C_p is above p, the number of coefficients, also where no term is missing. pred. error: mean square error of "
-    "moments on blocks held out of the fit; ln evidence: ln of the record's probability density, processes included. "
-    "Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what is split or added "
-    "beside processes comes on top."
+    "F-ratio, C_p, pred. error: of fits without processes, with knots, delays and noise as beside these: another "
+    "process changes C_p, which is above p, the number of coefficients, also where no term is missing. pred. error: "
+    "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
+    "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
+    "is split or added beside processes comes on top."
 )
 
 
@@ -200,12 +200,20 @@ def comparison_document(comparison: Comparison) -> Document:
 
     further = [(k + 1, [*chain(*flights[k].values()), *functions(k)]) for k in range(1, len(flights))]
     others = [Section(f"Flight {number}", drawn, folded=True) for number, drawn in further]
+    terms = comparison.baseline.terms
+    errors = tables.error_table(comparison.record_errors, terms)
     known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
     joined = (row.mechanism for row in ranking if "+" in row.mechanism and row.mechanism not in verdict.probability)
     idle = [f"{name} is no hypothesis of its own: a part of it does not act." for name in joined]
+    beyond = [row for row in ranking if row.impossible and row.prediction_ratio < 1.0]
+    idle += [f"F-ratio, C_p and pred. error of {row.mechanism} are with {row.impossible}." for row in beyond]
     names = tables.collinear_names(comparison.collinear_groups)
-    collinear = Texts(names, bullets=False, shown="verbose"), Texts(comparison.collinear, tables.PAIRS, shown="page")
-    terms = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
+    collinear = (
+        tables.term_table("Baseline", terms),
+        Texts(names, bullets=False, shown="verbose"),
+        Texts(comparison.collinear, tables.PAIRS, shown="page"),
+    )
+    of_each = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
     notes = [note for flight in comparison.flights for note in flight.notes]
     if ranking:
         seconds = comparison.seconds
@@ -237,10 +245,10 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
-            Section("Errors of instruments and vehicle", [charts.errors_chart(known), tables.error_table(known), fits]),
+            Section("Errors of instruments and vehicle", [charts.errors_chart(known), errors, fits]),
             Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear], True),
             *others,
-            *terms,
+            *of_each,
         ),
     )
 
@@ -299,8 +307,9 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     setting = _setting(comparison, place, _own_knots(row, place, comparison.flights[place]))
     blocks: list[Block] = [
         _coefficients(setting, row),
-        tables.term_table(values, net, "verbose" if leads else "page", row.knots),
-        tables.term_table(changes, row.terms, knots=row.knots, collinear=groups),
+        tables.term_table(values, net, knots=row.knots, collinear=tables.collinear_at(row), derived=row.derived),
+        Texts(tables.size_texts(row, leads), bullets=False, shown="verbose"),
+        tables.term_table(changes, row.terms, "verbose" if leads else "page", row.knots, collinear=groups),
         *([] if leads else [tables.knot_table(comparison, row)]),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

@@ -8,20 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.comparison.result import (
-    LEAST_PROCESS,
-    Comparison,
-    DerivedEstimate,
-    FlightSummary,
-    Knot,
-    NetInterval,
-    ProcessEstimate,
-    RankedHypothesis,
-    ReconstructionSummary,
-    RecordError,
-    TermEstimate,
-    beyond_tolerances,
-)
+from brv_hypo.comparison import result
 from brv_hypo.comparison.verdict import OTHER
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.units import SI
@@ -50,7 +37,6 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 
 ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
-LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 SLOW = "drifts, gusts and the like, in every hypothesis"
 KIN = "Processes of one family may stand for one another: quote their sum."
 IN_TRIM = "The mean of a moment fixed in the body may be in trim instead."
@@ -77,7 +63,7 @@ IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contr
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
 
-def ranking_table(comparison: Comparison) -> Table:
+def ranking_table(comparison: result.Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set are marked. "pred. error" and
     "ln evidence" are over those of the baseline only; "6+" terms says that more would have entered.
     """
@@ -102,13 +88,13 @@ def ranking_table(comparison: Comparison) -> Table:
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
-def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
+def shown_processes(comparison: result.Comparison) -> list[result.ProcessEstimate]:
     """Those that make more than `LEAST_PROCESS`, largest first; after them those that do not exceed their sigma."""
-    large = [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
+    large = [each for each in comparison.verdict.processes if each.share_of_moment > result.LEAST_PROCESS]
     return sorted(large, key=lambda each: each.size <= each.std_error)
 
 
-def process_blocks(comparison: Comparison) -> list[Block]:
+def process_blocks(comparison: result.Comparison) -> list[Block]:
     """One row for each process beside the leader that makes more than `LEAST_PROCESS`; with -v those below sigma."""
     shown = shown_processes(comparison)
     large = [each.size > each.std_error for each in shown]
@@ -137,12 +123,12 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     return [table, drifts, Texts(read, bullets=False, shown="page")]
 
 
-def process_texts(comparison: Comparison) -> list[Texts]:
+def process_texts(comparison: result.Comparison) -> list[Texts]:
     """What the columns of the processes mean, and which are left out of the table."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the moment.",)
-    others = (f"Estimated below {share(LEAST_PROCESS)} of the moment: {small}. {KIN}",) if small else ()
+    none = (f"No process ({SLOW}) makes more than {share(result.LEAST_PROCESS)} of the moment.",)
+    others = (f"Estimated below {share(result.LEAST_PROCESS)} of the moment: {small}. {KIN}",) if small else ()
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),
@@ -150,7 +136,7 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     ]
 
 
-def estimate_blocks(comparison: Comparison) -> list[Block]:
+def estimate_blocks(comparison: result.Comparison) -> list[Block]:
     """What the leader does between its knots, in time order, beyond two standard errors if it can; knots; delays."""
     if not comparison.ranking:
         return []
@@ -159,11 +145,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     acting = {(each.start_s, each.stop_s) for each in leader.intervals if each.acts}
     net = [value for value in every if value.region_s in acting and abs(value.value) > 2.0 * value.std_error]
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
-    groups: dict[tuple[str, ...], list[NetInterval]] = {}
-    for each in leader.intervals:
-        for group in each.collinear_groups:
-            groups.setdefault(group, []).append(each)
-    begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
+    begins = collinear_at(leader)
     table = term_table(
         heading, net or every, "always", leader.knots, ROWS_AT_FIRST, collinear=begins, derived=leader.derived
     )
@@ -180,16 +162,35 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
         table,
         Texts((RISING,) if rises and table.rows else (), bullets=False),
         Texts((rest,) if within else (), bullets=False, shown="verbose"),
-        Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
+        Texts(size_texts(leader, leads=True) if any(marked) else (), bullets=False, shown=beside),
         replace(knot_table(comparison, leader), most=ROWS_AT_FIRST, shown=named),
         Texts(derived, shown=named),
     ]
 
 
-def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
+def collinear_at(row: result.RankedHypothesis) -> list[list[str]]:
+    """Net values of each interval that are nearly collinear with each other, named with the times they begin at."""
+    return [[f"{name} at {at.start_s:.2f} s" for name in g] for at in row.intervals for g in at.collinear_groups]
+
+
+def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
+    """How large a hypothesis is, of which fit that is, why its errors are what they are; what is nearly collinear."""
+    said = collinear_names(dict.fromkeys(group for each in row.intervals for group in each.collinear_groups))
+    if leads or not row.size:
+        return said
+    made, wider = row.share_beside_processes, number(row.share_beside_processes**-0.5, 2)
+    bare = f"Fitted beside processes: the ranking's F-ratio, {number(row.f_ratio)}, is without them"
+    beside = f"of what it and processes explain, it makes {share(made)}"
+    wide = (
+        f"so its sigmas are {wider} times as large as the likelihood's, while its ln evidence has the leader's weight"
+    )
+    return [f"{row.size} {bare}; {beside}, {wide}.", *said]
+
+
+def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> Table:
     """One row for each knot of a hypothesis: its time on every flight, its error, how long it comes on, Mach number."""
     rows: list[dict[str, str]] = []
-    found: list[tuple[DerivedEstimate, DerivedEstimate | None]] = []
+    found: list[tuple[result.DerivedEstimate, result.DerivedEstimate | None]] = []
     for each in row.derived:  # a width follows its knot
         if each.name.endswith(_KNOT):
             found.append((each, None))
@@ -197,10 +198,13 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
             found[-1] = (found[-1][0], each)
     acts, flights = row.acting, comparison.flights
     ends = {"onset": acts[0].start_s, "end": acts[-1].stop_s} if acts else {}
+    halves = {knot: 0.0 if width is None else 0.5 * width.value for knot, width in found}
+    # One may end while it still comes on: that is not the knot of its onset.
+    nearest = {n: min(halves, key=lambda k: abs(abs(at - k.value) - halves[k]), default=None) for n, at in ends.items()}
     shared = len(flights) > 1 and bool(row.knots)
     for knot, width in sorted(found, key=lambda pair: pair[0].value):
-        half = 0.0 if width is None else 0.5 * width.value
-        said = [name for name, at in ends.items() if abs(at - knot.value) <= half + 1e-6]
+        near = [name for name, at in ends.items() if abs(at - knot.value) <= halves[knot] + 1e-6]
+        said = [name for name in near if nearest[name] is knot]
         place = {"change": ", ".join(said) or "change"}
         if shared:
             mach = float(np.interp(knot.value, [k.time_s for k in row.knots], [k.mach for k in row.knots]))
@@ -217,7 +221,7 @@ def knot_table(comparison: Comparison, row: RankedHypothesis) -> Table:
     return Table([{name: each[name] for name in kept} for each in rows], heading, ("change",), shown="verbose")
 
 
-def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
+def _own_time(row: result.RankedHypothesis, flight: int, at: float) -> str:
     """A flight's own time of what happens at a time of the reference flight (s)."""
     known = [(k.time_s, k.flights_s[flight]) for k in row.knots if k.flights_s[flight] is not None]
     if not known or not known[0][0] - 1e-6 <= at <= known[-1][0] + 1e-6:
@@ -225,7 +229,7 @@ def _own_time(row: RankedHypothesis, flight: int, at: float) -> str:
     return f"{np.interp(at, *np.array(known, dtype=float).T):.2f}"
 
 
-def limit_blocks(comparison: Comparison) -> list[Block]:
+def limit_blocks(comparison: result.Comparison) -> list[Block]:
     """How large each mechanism may be: of the moment's rms, as C_m and in N m, smallest first; which are not known."""
     verdict, parts, scale = comparison.verdict, [], None
     for series, flight in zip(comparison.series, comparison.flights, strict=False):
@@ -238,7 +242,7 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     rows = [
         {
             "mechanism": each.mechanism + (" (leader)" if each.mechanism == comparison.ranking[0].mechanism else ""),
-            "of the moment's rms": share(each.share_of_moment_95),
+            "of moment": share(each.share_of_moment_95),
             "in a part": share(each.share_in_part_95) if np.isfinite(each.share_in_part_95) else NOT_A_NUMBER,
             "C_m, rms": number(each.coefficient_95, 2),
             **({} if scale is None else {"N m, rms": number(each.coefficient_95 * scale, 2)}),
@@ -247,27 +251,23 @@ def limit_blocks(comparison: Comparison) -> list[Block]:
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
     read = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
-    held = [each for each in known if each.coefficients_95]
-    terms = [", ".join(f"{name} {number(size, 2)}" for name, size in each.coefficients_95.items()) for each in held]
-    sizes = [f"{each.mechanism} {largest}" for each, largest in zip(held, terms, strict=True)]
-    if rows:
-        read.append("In a part: where it acts for a part of the record; throughout, trim and baseline hide more of it.")
-    if sizes:
-        read.append(f"For a quarter of the record or longer, at most: {'; '.join(sizes)}.")
-    said = []
+    sizes = [(e.mechanism, ", ".join(f"{k} {number(v, 2)}" for k, v in e.coefficients_95.items())) for e in known]
+    if longest := "; ".join(f"{name} {largest}" for name, largest in sizes if largest):
+        read.append(f"For a quarter of the record or longer, at most: {longest}.")
+    said = ["In a part: unless it acts throughout, where trim and baseline may hide more of it."] if rows else []
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append("Above 100 %: nothing that is smaller than the whole moment is excluded.")
     if verdict.outcome == "none adequate":
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %, also of what could hide in trim, baseline and leader"
+    heading = "Upper limits at 95 %: what each may make unseen beside leader, trim and baseline"
     excluded = Texts([" ".join(said)] if said else (), bullets=False)
     meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
     return [Table(rows, heading, ("mechanism",)), excluded, meaning]
 
 
-def size_table(comparison: Comparison) -> Table:
+def size_table(comparison: result.Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
     rows = [
         {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
@@ -276,21 +276,20 @@ def size_table(comparison: Comparison) -> Table:
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
 
-def error_table(errors: Sequence[RecordError]) -> Table:
-    """One row for each error of record and vehicle that is worth one, the largest in tolerances first."""
-    rows = [
-        {
-            "error": each.name,
-            "value": known_to(each.value, each.std_error),
-            "sigma": number(each.std_error, 2),
-            "unit": each.units,
-            "tolerances": f"{each.tolerances:.2f}",
-        }
-        for each in errors
-        if abs(each.tolerances) > LEAST_ERROR
-    ]
-    heading = "Errors of more than one tolerance"
-    return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
+def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.TermEstimate] = ()) -> Table:
+    """One row for each error of record and vehicle, the largest in tolerances first; in degrees too what is an angle,
+    and a moment of the vehicle, as trim: that at which the static moment of the baseline's `terms` is as large.
+    """
+    rows, slope = list[dict[str, str]](), next((abs(t.value) for t in terms if t.name == "C_malpha"), np.nan)
+    for each in errors:
+        of_moment = each.units == "1" and " C_" in each.name
+        angle = np.degrees(1.0 if each.units == "rad" else 1.0 / slope if of_moment else np.nan)
+        row = {"error": each.name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
+        row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
+        known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
+        rows.append(row | {"deg, or over C_malpha": known})
+    beyond = range(len(result.beyond_tolerances(errors)))
+    return Table(rows, "Errors of record and vehicle", ("error", "unit"), beyond, shown="verbose")
 
 
 def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
@@ -350,12 +349,12 @@ def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
 
 def term_table(
     heading: str,
-    terms: Iterable[TermEstimate],
+    terms: Iterable[result.TermEstimate],
     shown: Shown = "verbose",
-    knots: Sequence[Knot] = (),
+    knots: Sequence[result.Knot] = (),
     most: int | None = None,
     collinear: Iterable[Sequence[str]] = (),
-    derived: Iterable[DerivedEstimate] = (),
+    derived: Iterable[result.DerivedEstimate] = (),
 ) -> Table:
     """One row for each coefficient; no column without a value. `knots`: the ends of its region are Mach numbers, as
     each flight has times of its own. Those in a group of `collinear` ones, named with the times that they begin at, are
@@ -386,7 +385,7 @@ def term_table(
     return Table(rows, heading, ("term", "plane", "unit"), most=most, shown=shown)
 
 
-def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
+def derived_texts(derived: Iterable[result.DerivedEstimate]) -> list[str]:
     """What follows from the coefficients, one line each; angles in degrees too."""
     lines = []
     for item in derived:
@@ -399,7 +398,7 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
     return lines
 
 
-def flight_lines(flights: Sequence[FlightSummary]) -> list[str]:
+def flight_lines(flights: Sequence[result.FlightSummary]) -> list[str]:
     """Number, where there are several, title, samples, span, rate and instruments of each flight."""
     lines = []
     for k, flight in enumerate(flights, start=1):
@@ -409,7 +408,7 @@ def flight_lines(flights: Sequence[FlightSummary]) -> list[str]:
     return lines
 
 
-def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
+def vehicle_blocks(flights: Sequence[result.FlightSummary]) -> list[Block]:
     """Mass properties and reference quantities of each flight, with their tolerances, and what depends on them."""
     tolerances, rows = {"ixx": "inertia_ratio", "iyy": "inertia"}, []
     for k, flight in enumerate(flights, start=1):
@@ -423,7 +422,7 @@ def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
     return [Table(rows, "Vehicle", ("quantity", "unit"), shown="page"), read]
 
 
-def flight_texts(comparison: Comparison) -> list[str]:
+def flight_texts(comparison: result.Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
     lines = flight_lines(comparison.flights)
     if comparison.reference_flight is not None:
@@ -432,7 +431,7 @@ def flight_texts(comparison: Comparison) -> list[str]:
     return [*lines, *(motion_known(comparison.reconstruction, name) for name in leaders)]
 
 
-def motion_known(known: ReconstructionSummary, about: str = "") -> str:
+def motion_known(known: result.ReconstructionSummary, about: str = "") -> str:
     """Which motion it is, of the instruments alone or `about` a model, and how well it is known (rms)."""
     alpha, meridian = (angle_known(each or 0.0) for each in (known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))
     which = f"about {about}" if about else "of the instruments alone"

@@ -11,8 +11,8 @@ from brv_hypo.comparison.summary import criteria_disagree
 from tests.studies.subset.stepwise import stepwise_columns
 
 
-def row(mechanism, f_ratio, cp, error):
-    return SimpleNamespace(mechanism=mechanism, f_ratio=f_ratio, cp=cp, prediction_error=error)
+def row(mechanism, f_ratio, cp, error, impossible=""):
+    return SimpleNamespace(mechanism=mechanism, f_ratio=f_ratio, cp=cp, prediction_error=error, impossible=impossible)
 
 
 def test_one_first_by_all_criteria_is_no_disagreement():
@@ -30,8 +30,8 @@ def test_each_criterion_is_named_with_what_it_puts_first():
 
 
 def test_what_is_first_with_a_value_that_is_not_possible_says_so():
-    ranking = [row("lag", 90.0, 4.0, 1.0), row("none", None, 50.0, 3.0)]
-    (warning,) = criteria_disagree(ranking, {"lag": 0.1, "none": 0.9}, {"lag": "lag fraction = -3"})
+    ranking = [row("lag", 90.0, 4.0, 1.0, "lag fraction = -3"), row("none", None, 50.0, 3.0)]
+    (warning,) = criteria_disagree(ranking, {"lag": 0.1, "none": 0.9})
     assert "lag (with lag fraction = -3); probability: baseline only" in warning
 
 

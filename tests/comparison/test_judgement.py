@@ -132,7 +132,7 @@ def check_noise_above_stated(flight: Flight, least: float, patch: pytest.MonkeyP
         known.append(judged(*given))
         return known[0]
 
-    patch.setattr(importlib.import_module("brv_hypo.comparison.compare"), "judged", remembered)
+    patch.setattr(importlib.import_module("brv_hypo.comparison.judgement"), "judged", remembered)
     config = CompareConfig(mechanisms=("damping",), maximum_likelihood="none", knot_count=3)
     verdict = compare(flight, config).verdict
     (found,) = known

@@ -112,6 +112,45 @@ def test_a_mechanism_with_a_fixed_delay_is_named(tmp_path: Path) -> None:
         assert abs(abs(term.value) - 0.08) < 3.0 * term.std_error < 0.01
 
 
+SLOSH = """
+import numpy as np
+from brv_hypo.mechanisms import MomentProcess, hookimpl
+
+
+class Slosh(MomentProcess):
+    name, family, splines, title = "slosh", "body", 6, "moment of sloshing propellant"
+
+    def shapes(self, motion):
+        turn = np.exp(1j * (motion.windward_meridian + 1.5 * motion.time))
+        return turn, 1j * turn
+
+
+@hookimpl
+def brv_hypo_mechanisms():
+    return [Slosh()]
+"""
+
+
+@pytest.mark.thorough
+def test_a_second_mechanism_is_advised_only_where_the_sum_raises_the_evidence(tmp_path: Path) -> None:
+    """Beside a slosh of ordinary size sticking would gain hundreds of nats; beside it as it is, nothing."""
+    path = tmp_path / "slosh.py"
+    path.write_text(SLOSH)
+    use_plugin_files([path])
+    try:
+        slosh = {"slosh 0 2": 1.0e-4, "slosh 0 3": 3.0e-4, "slosh 0 4": 6.0e-4, "slosh 0 5": 1.0e-3}
+        acting = [
+            {"mechanism": "slosh", "terms": slosh},
+            {"mechanism": "bodyfixed", "terms": dict(C_B), "start": 2.0, "stop": 4.0},
+        ]
+        flight = simulate({"base": "research_cone", "mechanisms": acting}, seed=1).flight
+        found = compare(flight, mechanisms=["sticking", "bodyfixed"], maximum_likelihood="none")
+    finally:
+        use_plugin_files(())
+    assert found.verdict.winner == "bodyfixed"
+    assert "as well" not in found.verdict.reason
+
+
 @pytest.mark.slow
 def test_two_mechanisms_at_two_times_are_named_by_their_sum_and_neither_alone() -> None:
     """Processes made up for the second, by flow of a body-fixed moment: the first was named, too small."""

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict, percent
+from brv_hypo.comparison.result import Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict
 from brv_hypo.comparison.verdict import (
     NONE,
     OTHER,
@@ -29,6 +29,7 @@ from brv_hypo.comparison.verdict import (
     without_converged_motion,
     without_power,
 )
+from brv_hypo.io.text import percent
 from brv_hypo.thresholds import NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 STRETCHES = 12
@@ -182,7 +183,8 @@ def test_beside_processes_far_beyond_their_ordinary_size_nothing_is_named() -> N
         assert with_far_processes(found, [name]) == found
         if not keeps:
             assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
-            assert "It is no established cause. Beside it processes are far beyond" in verdict.reason
+            assert "but is no established cause: beside it processes are far beyond" in verdict.reason
+            assert "explains the moments best" not in verdict.reason
             assert "(flow 230 times)" in verdict.reason
             assert with_far_processes(with_prediction_error(found, 1.3)).reason.count("no established cause") == 1
     null = said(NULL).model_copy(update={"processes": (large.model_copy(update={"size": 230.0 * large.tolerance}),)})
@@ -256,16 +258,23 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
     if not named:
         assert (verdict.outcome, verdict.equivalent) == ("undecided", ("lag", NONE))
         assert verdict.reason == (
-            "The data do not name one hypothesis: lag has the largest evidence, but explains less than processes do, "
-            "or nothing significant, or predicts stretches of the record from the others no better than baseline and "
-            "processes."
+            "The data do not name one hypothesis: lag has the largest evidence (probability above 0.99), but it "
+            "predicts stretches of the record from the others no better than baseline and processes."
         )
 
 
-@pytest.mark.parametrize("fit", [Fit(1.0, ROWS, 0.0), Fit(1.0, ROWS, 800.0, significant=False)])
-def test_what_explains_nothing_significant_is_not_named(fit: Fit) -> None:
+@pytest.mark.parametrize(
+    ("fit", "why"),
+    [
+        (Fit(1.0, ROWS, 0.0), "explains nothing significant of what the baseline does not."),
+        (Fit(1.0, ROWS, 800.0, significant=False), "explains less than processes do (83 %, these 0 %)."),
+    ],
+)
+def test_what_explains_nothing_significant_is_not_named(fit: Fit, why: str) -> None:
+    """The reason says which it is, and no other."""
     verdict = said(NULL, LAG, fit=fit)
     assert (verdict.outcome, verdict.winner) == ("undecided", None)
+    assert verdict.reason.endswith(f"(probability above 0.99), but it {why}")
 
 
 def test_all_stretches_count_together() -> None:
@@ -519,8 +528,9 @@ def test_with_an_error_far_beyond_its_tolerance_no_cause_is_established() -> Non
     verdict = with_far_error(named, (far,))
     assert (verdict.winner, verdict.outcome, verdict.described) == (None, "undecided", "lag")
     reason = verdict.reason
-    beside = "Beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
-    assert reason.endswith(f" It is no established cause. {beside}")
+    beside = "beside it, accel_position x is 0.088 m, 8.8 times its tolerance: check that first."
+    assert reason.endswith(f"but is no established cause: {beside}")
+    assert "explains the moments best" not in reason
     assert with_far_error(with_prediction_error(named, 1.3), (far,)).reason.count("no established cause") == 1
     null = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert with_far_error(null, (far,)) == null

@@ -443,3 +443,15 @@ def test_a_file_of_a_breach_is_refused_in_words(brv_hypo, tmp_path):
     done = brv_hypo("mechanisms", "check", "four_lobes", "--plugin", written(tmp_path, splines=2))
     assert done.returncode == 2
     assert "`splines` is 2" in done.stderr
+
+
+def test_options_of_a_process_are_those_of_the_comparison(distribution):
+    """Of its own fields, checked; of what no hypothesis has they are refused."""
+    with registry.requested((), options={"flow": {"stop": 7.0}}):
+        assert {each.name: each.stop for each in registry.moment_processes()}["flow"] == 7.0
+    for options, said in (
+        ({"flow": {"rate": 1.0}}, "bad options for 'flow': 'rate' is not a known key"),
+        ({"four_lobes": {"stop": 7.0}}, "'four_lobes', which is not compared"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            compare("nothing.h5", mechanisms=["lag"], options=options)

@@ -51,9 +51,9 @@ def test_a_file_of_plugins_among_names_says_where_it_belongs():
 
 def test_options_are_checked():
     assert find("sticking", {"form": "complete"}).form == "complete"
-    with pytest.raises(UsageError, match=r"bad options for mechanism 'sticking': 'form': .* It has: form, delays"):
+    with pytest.raises(UsageError, match=r"bad options for 'sticking': 'form': .* It has: form, delays"):
         find("sticking", {"form": "square"})
-    with pytest.raises(UsageError, match="bad options for mechanism 'damping'"):
+    with pytest.raises(UsageError, match="bad options for 'damping'"):
         find("damping", {"colour": "red"})
 
 

@@ -168,7 +168,7 @@ class TestTerminal:
         damping = {"share_of_moment_95": 0.02, "share_in_part_95": 0.01, "coefficient_95": 0.02 * MOMENT}
         limit = MechanismLimit(mechanism="damping", **damping)
         shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
-        begin = shown.index("Upper limits at 95 %, also of what could hide in trim, baseline and leader")
+        begin = shown.index("Upper limits at 95 %: what each may make unseen beside leader, trim and baseline")
         cells = line_of(shown[begin:], "damping")
         assert [each for each in cells if each != "(leader)"][:6] == ["damping", "2", "%", "1", "%", "0.00082"]
         assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
@@ -317,7 +317,7 @@ class TestPython:
         intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(net,)) for a, b, net in ends)
         row = graded("damping").ranking[0].model_copy(update={"intervals": intervals})
         first = graded("damping").model_copy(update={"ranking": (row,)}).conclusion().splitlines()[0]
-        assert first.endswith(f" C_damping is {value} ± 0.1, {said}")
+        assert f" C_damping is {value} ± 0.1, {said} Its rms moment is " in first
 
     def test_errors_beyond_tolerances_are_part_of_the_answer(self) -> None:
         """A trim of 14 tolerances is, what is within its tolerance is not; also where nothing is adequate."""
