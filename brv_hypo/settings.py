@@ -44,7 +44,7 @@ def settings_of(
         return model.model_validate({**content, **keywords})
     except ValidationError as error:
         known = tuple(model.model_fields)
-        otherwise = f"known are {', '.join(known)}"
+        otherwise = f"known are {', '.join(known)}; start, stop and instruments are what `load_flight` takes"
         problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5), model)
         raise UsageError(f"{where}: {problems}.") from None
 

@@ -55,7 +55,7 @@ RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
     },
     "acceleration": {
         "m/s^2": ("mps2", "ms2", "mpss", "m s2", "mps 2", "m s 2"),
-        "ft/s^2": ("fps2", "ftps2", "ft s2", "ft s 2"),
+        "ft/s^2": ("fps2", "ftps2", "fts2", "ft s2", "ft s 2"),
         "g": ("g", "gs", "gee"),
         "mg": ("mg",),
     },

@@ -283,8 +283,7 @@ def _written(table: ForeignTable) -> Guess:
     missing = _missing(channels, climbs)
     vehicle = {n: e for n, e in table.vehicle.entries.items() if n in VEHICLE_DIMENSIONS} if table.vehicle else {}
     unknown = [name for name in VEHICLE_DIMENSIONS if name not in vehicle]
-    no_position = "accelerometer_position: zeros are assumed; if it stays unknown, state its size as "
-    no_position += "instruments/accel_position"
+    no_position = "accelerometer_position: unknown while zeros; if so, state its size as instruments/accel_position"
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", no_position]
     unsure = [f"{name}: {doubt}" for name, entry in {**channels, **vehicle}.items() for doubt in entry.unsure]
     unsure.append("instruments: their grade is taken as industrial; their accuracy decides what the record can show")

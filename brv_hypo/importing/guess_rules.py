@@ -54,7 +54,8 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
                          ("pdyn",), ("dynpress",), ("q", "psf"), ("q", "pa"), ("q", "kpa"), ("q", "psi")),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",),
                  ("vt",), ("vinf",), ("vair",)),
-    "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",), ("hbaro",), ("hgps",)),
+    "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("hgt",), ("h",),
+                 ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),
     "mach": (("mach",), ("ma",)),
@@ -65,7 +66,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
-    ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
+    ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n", "sf")),
 }
 
 

@@ -159,10 +159,10 @@ class RecordMap(Layout):
     source: str = ""
 
 
-def read_map(path: str | Path) -> RecordMap:
-    """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
-    file = Path(path)
-    content = read_yaml(file, "a map with the keys channels and vehicle")
+def read_map(path: str | Path | Mapping[str, Any]) -> RecordMap:
+    """The validated map, or that at a path. Raises UsageError, naming the entry that is wrong."""
+    file = "given" if isinstance(path, Mapping) else str(path)
+    content = path if isinstance(path, Mapping) else read_yaml(path, "a map with the keys channels and vehicle")
     # A guessed map has null for what no table gives.
     vehicle = content.get("vehicle")
     entries = vehicle.items() if isinstance(vehicle, dict) else ()
@@ -266,19 +266,19 @@ class Imported:
     phases: tuple[Phase, ...]
 
 
-def import_record(data: str | Path, map_path: str | Path) -> Flight:
-    """The flight in a csv, parquet or mat file, read through the map at `map_path`; errors as of `bring_in`."""
+def import_record(data: str | Path, map_path: str | Path | Mapping[str, Any]) -> Flight:
+    """The flight in a csv, parquet or mat file, read through a map, or the one at a path; errors as of `bring_in`."""
     return bring_in(data, map_path).flight
 
 
-def bring_in(data: str | Path, map_path: str | Path) -> Imported:
-    """The record in a csv, parquet or mat file, read through the map at `map_path`.
+def bring_in(data: str | Path, map_path: str | Path | Mapping[str, Any]) -> Imported:
+    """The record in a csv, parquet or mat file, read through a map, or the one at a path.
 
     Raises UsageError (the map is unreadable, wrong, or names what the data do not have; a missing extra) and
     FlightRecordError (the data are unreadable or make no valid record).
     """
     source, mapping = Path(data), read_map(map_path)
-    folders = (Path(map_path).parent, source.parent)
+    folders = (source if isinstance(map_path, Mapping) else Path(map_path)).parent, source.parent
     raw: dict[str | None, ColumnTable] = {}
     zero, notes = None, list[str]()
     for name, recorder in ((None, None), *mapping.recorders.items()):

@@ -61,7 +61,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
-        Texts(("" if trial.sound else f"\n{what_then}\n",) if faults else (), bullets=False),
+        Texts(("No fault is found." if not faults else "" if trial.sound else f"\n{what_then}\n",), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
         Texts(inspection.warnings, "Warnings", warning=True),

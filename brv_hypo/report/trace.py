@@ -44,7 +44,6 @@ _ERRORS = (
     "trace starts from; constant: a constant slope, for comparison (setting `baseline`)."
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
-HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
 FITTED_WORSE = (
     "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
     "than the frozen one is."
@@ -189,7 +188,7 @@ def trace_document(result: Trace) -> Document:
         subtitle=[*flight_lines(result.flights), *([tables.motion_known(known, "the final model")] if known else [])],
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion="\n".join(filter(None, conclusion)),
-        decided=result.unexplained is None and sound,
+        decided=sound and (bool(found) or result.unexplained is None),
         blocks=sections,
         beside=(
             estimates,
@@ -353,7 +352,7 @@ def prediction_document(result: Prediction) -> Document:
         subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
         conclusion_title=result.outcome if sound else IN_DOUBT,
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
-        decided=result.ratio < HOLDS_BELOW and sound,
+        decided=sound and not (result.refused or result.lacks_an_effect),
         blocks=(
             Table(errors, "Mean square of the moment coefficients", ("moments less",)),
             Texts((FITTED_WORSE,) if result.error.own > result.error.frozen else (), bullets=False),

@@ -293,8 +293,8 @@ def test_a_position_that_no_table_gives_is_marked(tmp_path: Path) -> None:
     guess = guess_map(write_csv(tmp_path / "a.csv", logged()))
     lines = guess.text.splitlines()
     place = next(k for k, line in enumerate(lines) if line.startswith("  accelerometer_position"))
-    assert lines[place - 1].startswith("  # MISSING: accelerometer_position: zeros are assumed")
-    assert any(doubt.startswith("accelerometer_position: zeros are assumed") for doubt in guess.unsure)
+    assert lines[place - 1].startswith("  # MISSING: accelerometer_position: unknown while zeros")
+    assert any(doubt.startswith("accelerometer_position: unknown while zeros") for doubt in guess.unsure)
 
 
 @pytest.mark.parametrize(("seconds", "offered"), [(10.0, False), (40.0, True)])
