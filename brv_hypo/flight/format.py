@@ -60,9 +60,7 @@ _ABOUT = ("instruments", "planet", "title", "source", "path")  # what a record a
 
 
 def assemble(record: Record) -> Flight:
-    """The flight of a record, notes on all that was changed; FlightRecordError without 16 samples in which all is
-    known.
-    """
+    """The flight of a record, notes on what was changed; FlightRecordError without 16 samples in which all is known."""
     stamps, masked, masks = mask_faults(record.time, record.channels)
     masked, holds = interpolated_holds(stamps, masked)
     faults = (*masks, *holds)

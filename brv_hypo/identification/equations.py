@@ -238,9 +238,7 @@ class VehicleModel:
         return real_rows(omega + gyros, force + accelerometers)
 
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
-        """Parameters, histories that change the rates of alpha and of the meridian at given states, where the columns
-        feel these.
-        """
+        """Parameters, histories that change rates of alpha and meridian at given states, where columns depend on it."""
         if not self.moments.uses_rates:
             return ()
         return (*FORCES, *(parameters.of_flight(name, flight) for name in (*GRAVITY_ERRORS, *RATE_ERRORS)))

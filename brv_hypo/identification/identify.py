@@ -163,9 +163,7 @@ def build_problem(
     regressed: Regressed | None = None,
     max_iterations: int = IDENTIFIED_STEPS,
 ) -> Problem:
-    """The problem of a regression model, `regressed` as in `identify`; UnanswerableError where no segment is long
-    enough.
-    """
+    """The problem of a regression model, `regressed` as in `identify`; UnanswerableError without a long segment."""
     block = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     rates = frame.columns(columns) @ values if regressed is None else regressed.rates

@@ -85,9 +85,7 @@ def delays_of(frame: RateFrame, columns: Sequence[Regressor]) -> tuple[float, ..
 
 @dataclass(frozen=True)
 class Meridian:
-    """How fast the meridian turns in de-rolled axes: `crossflow` is xi there over time, `delays` s how much
-    earlier it matters too.
-    """
+    """How fast the meridian turns in de-rolled axes: `crossflow` is xi there, `delays` s how much earlier counts."""
 
     crossflow: CubicSpline
     delays: tuple[float, ...]

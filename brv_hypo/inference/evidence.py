@@ -112,9 +112,7 @@ class Evidence(_Integrated):
 
     @property
     def beside_small(self) -> Evidence:
-        """The same with every process of the moment one standard deviation of its prior below its ordinary amplitude,
-        not at that which makes up for what terms lack.
-        """
+        """The same with processes of the moment one prior sigma below their ordinary amplitude, whatever terms lack."""
         at, groups = self.at.copy(), self.rows.groups
         at[1 : 1 + len(groups)] = [
             own if group.prior == RECORD_AMPLITUDE else group.prior[0] - group.prior[1]
@@ -263,9 +261,7 @@ class Evidence(_Integrated):
 
     @property
     def events_apart(self) -> tuple[FloatArray, FloatArray]:
-        """By how much knots of several flights come later on each than on all in the mean, s (knots, flights), and
-        their standard errors.
-        """
+        """How much later knots come on each flight than in the mean, s (knots, flights), and standard errors."""
         first, flights = self.rows.shared.shape[1] + self.terms.known, len(self.rows.blocks)
         count = self.terms.apart // (flights - 1)
         made = np.kron(np.eye(count), helmert(flights).T)
@@ -296,8 +292,7 @@ class Evidence(_Integrated):
         made of is correlated with it (points, processes + coefficients): all coefficients of a process together
         (multiple correlation), and each coefficient of the baseline and the terms. `values` (points, coefficients):
         what it has per coefficient of the baseline and the terms; `splines` (points, splines): of each process by its
-        place, per spline coefficient in its units; `allowed` (points, tolerances): per tolerance of what all flights
-        share.
+        place, per spline coefficient in its units; `allowed` (points, tolerances): per tolerance shared by all.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
         of_flight, made = self.processes[flight], self._values_of_border
@@ -339,9 +334,7 @@ class Evidence(_Integrated):
 
     @cached_property
     def _without_stretches(self) -> list[tuple[float, FloatArray, FloatArray]]:
-        """Minus log p, `values` and their covariance without each stretch of time. What is left out of one flight
-        changes nothing of the others' elimination.
-        """
+        """Minus log p, `values` and covariance without each stretch of time, which is of its flight alone."""
         known, made = self._parts, self._values_of_border
         without = []
         for stretch in self.rows.stretch_products:

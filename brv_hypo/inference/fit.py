@@ -42,9 +42,7 @@ _NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An estimate without each of some stretches of time: its `changes` (stretches, k), and by how much its covariance
-    grows (stretches, k, k).
-    """
+    """An estimate without each of some stretches: `changes` (stretches, k), more covariance (stretches, k, k)."""
 
     changes: FloatArray
     growths: FloatArray
@@ -161,9 +159,7 @@ class HypothesisFit:
 
     @property
     def bic(self) -> float:
-        """Extended BIC (Chen and Chen 2008), n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, chosen) at the effective
-        sample size n_e: what was searched is paid for.
-        """
+        """Extended BIC (Chen and Chen 2008): n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, chosen), n_e effective."""
         chosen, n = len({column.choice for column in self.selected}), self.effective
         choices = math.lgamma(self.searched + 1) - math.lgamma(chosen + 1)
         choices -= math.lgamma(max(self.searched - chosen, 0) + 1)
@@ -218,9 +214,7 @@ def fit_hypothesis(
 
 
 def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray) -> list[tuple[Regressor, ...]]:
-    """The columns with two changes of like direction, at neighbouring knots of the grid, as one between them, which
-    they bracket: once for every two that are so.
-    """
+    """The columns with two like changes at neighbouring knots of the grid as one between them, pair by pair."""
     apart = _NEIGHBOURS * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     jumps = sorted({c.time_basis for c in selected if c.time_basis.kind == "jump"}, key=lambda basis: basis.start)
     sized = [
@@ -267,8 +261,7 @@ def refined_fit(
     parts: Sequence[float] = (1.0,),
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned, others
-    over `parts` of their bounds. C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the
-    fit's frame, if known.
+    over `parts` of their bounds. C_mw is brought up to date where it is used. `reduced`: of the fit's frame.
     """
     reduced = Reduced(problem, fit.frame) if reduced is None else reduced
     if follows_static_moment(fit.mechanisms):

@@ -18,9 +18,7 @@ _RIDGE = 1e-10  # of the columns' unit length: keeps the normal equations of few
 
 
 def jackknife_error(left_out: FloatArray) -> float:
-    """Standard error of an estimate from those without each of some blocks (blocks,). Efron and Stein, Ann. Statist. 9,
-    1981.
-    """
+    """Standard error from estimates without each block (blocks,): Efron and Stein, Ann. Statist. 9, 1981."""
     return float(np.sqrt((left_out.size - 1) * np.var(left_out)))
 
 

@@ -1,7 +1,6 @@
 """The noise that every hypothesis is judged by: what the record itself says of it, never the candidates.
 
-A free moment, smooth in time, takes up whatever moved the vehicle slowly; what is left is the instruments' noise with
-its colour.
+A free moment, smooth in time, takes up what moved the vehicle slowly; the rest is the instruments' coloured noise.
 """
 
 from __future__ import annotations

@@ -321,9 +321,7 @@ class Problem:
         return out
 
     def own_rows(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
-        """The rows of the raw design in which columns can be other than zero: the first ones. Rates alone where all
-        columns are moments; rates and force where some are given.
-        """
+        """The first rows of the raw design, where columns can be other than zero: rates, and force of given ones."""
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         if not given:
             return self._white_moments(frame, columns)

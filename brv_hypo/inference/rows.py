@@ -107,9 +107,7 @@ class OfFlight(NamedTuple):
 
 
 class Products(NamedTuple):
-    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and those of
-    some flights, by number.
-    """
+    """Scalar products of `rows` rows that the likelihood needs: y'y, [U X]'[U X], [U X]'y, and of each flight."""
 
     rows: int
     square: float
@@ -186,9 +184,7 @@ def _of(rows: FloatArray, chosen: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Terms:
-    """X of a hypothesis (n, k): its selected terms, then what its knots and delays move; of several flights what the
-    knots of each move beyond that, as the last columns.
-    """
+    """X of a hypothesis (n, k): selected terms, what knots and delays move, last what each flight's knots do."""
 
     x: FloatArray
     spread: FloatArray
@@ -289,6 +285,17 @@ class Rows:
         """Columns of moments as rows (n, columns)."""
         return self.whitened(self.problem.raw_design(frame, columns)[: self.y.size])
 
+    def of_rates(self, rates: ComplexArray) -> FloatArray:
+        """Rates that moments make (frame rows, columns) as rows (n, columns)."""
+        raw = np.zeros((self.y.size, rates.shape[1]))
+        raw[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
+        return self.whitened(raw)
+
+    def allowing(self, rates: ComplexArray) -> Rows:
+        """The same where errors shared by all flights, each of a prior of 1, make these rates (frame rows, errors)."""
+        spread = np.append(self.spread, np.ones(rates.shape[1]))
+        return replace(self, shared=np.concatenate([self.shared, self.of_rates(rates)], axis=1), spread=spread)
+
     def rates_of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """The rates that moments make (rate rows, columns), before errors within tolerances are noise."""
         return np.where(self.counted[: self.problem.rows.rates, np.newaxis], self.problem.own_rows(frame, columns), 0.0)
@@ -306,9 +313,7 @@ class Rows:
             rates = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], frame)
             of_flights = self._of_single_flights(fit, rates)
             rates, apart = np.concatenate([rates, of_flights], axis=1), of_flights.shape[1]
-            slopes = np.zeros((self.y.size, rates.shape[1]))
-            slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
-            x = np.concatenate([x, self.whitened(slopes)], axis=1)
+            x = np.concatenate([x, self.of_rates(rates)], axis=1)
             length = float(np.ptp(frame.coefficient_time))
             ranges = [length if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
             moved = np.full(apart, EVENTS_APART * length)
@@ -319,8 +324,7 @@ class Rows:
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
         """Of what parameters move (frame rows, parameters) that of knots of several flights as contrasts between these,
-        which leave a knot the mean of its flights (frame rows, knots times contrasts): events come at about the same
-        Mach number.
+        which leave a knot its flights' mean (frame rows, knots times contrasts): events come near one Mach number.
         """
         knots = [k for k, each in enumerate(fit.nonlinear) if each.kind == "knot"] if len(self.blocks) > 1 else []
         mine = self.frame.flight_of_row[:, np.newaxis] == np.arange(len(self.blocks))
@@ -333,9 +337,7 @@ class Rows:
 
     @cached_property
     def measured_moment(self) -> float:
-        """rms of the moment coefficient that the derolled rates show beyond their noise, where this is less; as the
-        linearisation point has it elsewhere, as at the ends of the filter.
-        """
+        """rms moment that derolled rates show beyond their noise; where that is more, as at ends, of the model's."""
         found = residual_moments(self.frame, self.problem.records, self.frame.observed)
         shown, squares = found.usable & (found.noise < self.moment), np.abs(self.modelled) ** 2
         squares[shown] = np.abs(found.body[shown]) ** 2 - 2.0 * found.noise[shown] ** 2
@@ -390,9 +392,7 @@ def _closed(terms: Terms, fit: HypothesisFit) -> Terms:
 
 
 def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProcess] | None = None) -> Rows:
-    """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis.
-    `moments`: the processes of the moment, those installed where not given.
-    """
+    """The rows of a problem with record processes, about a fitted hypothesis; `moments`: processes, else installed."""
     known = problem.frame.with_mechanisms(point.mechanisms)
     frame = known.with_in_plane_moment(point.columns, point.values)
     modelled = frame.moments(point.columns) @ point.values

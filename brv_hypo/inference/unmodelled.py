@@ -3,8 +3,7 @@
 The shapes are the lowest of the expansion of a body's moment in its crossflow (Maple and Synge, Quart. Appl. Math. 6,
 1949): on a body of n-fold symmetry the moment of the flow from the other side turns n times with the meridian. Some of
 them, each times splines in time, are what the noise is found beside (`free_moment`); one alone, acting in a stretch of
-time, is tried in a mechanism's place (`unmodelled_moments`), and so is a moment that turns in the body
-(`turning_moment`).
+time, is tried in a mechanism's place (`unmodelled_moments`), as one that turns in the body (`turning_moment`).
 """
 
 from __future__ import annotations
@@ -176,9 +175,7 @@ RATE = "rate"
 
 
 class TurningMoment(Mechanism):
-    """A transverse moment of constant size whose direction in body axes turns at one of some `rates` (rad/s, rising,
-    `apart`); `about` s, where both components are along the axes.
-    """
+    """A transverse moment that turns in body axes at one of `rates` (rad/s, rising, `apart`), along them at `about`."""
 
     name = "turning_moment"
     title = "a moment that turns in the body"

@@ -117,9 +117,7 @@ def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
 
 
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations (n_outputs, n) of the Kalman filter about the smoothed states, nan in gaps; their NLLF (Eq. 3.10,
-    E8).
-    """
+    """Innovations (n_outputs, n) of the Kalman filter about smoothed states, nan in gaps; NLLF (Eq. 3.10, E8)."""
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
 
     theta, innovations, nllf = problem.parameters.as_mapping(iterate.theta), [], 0.0

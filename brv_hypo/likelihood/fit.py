@@ -142,9 +142,7 @@ class _Task:
     options: Options
 
     def solve(self, segments: Sequence[Segment], steps: int, before: FitResult | None = None) -> FitResult:
-        """The fit on a mesh of so many steps between samples, from one on another mesh if there is one, across long
-        gaps too.
-        """
+        """The fit on a mesh of so many steps between samples, from one on another mesh if there is one, gaps too."""
         if before is not None:
             driving = None if self.process_noise is None else before.process_noise
             near = replace(self._near(before), process_noise=driving, first_noise=before.noise_variance)

@@ -273,9 +273,7 @@ class Parameters:
         return dict(zip(self.names, vector.tolist(), strict=True)) | dict(self.held)
 
     def spread(self, values: Mapping[str, float], rest: float) -> FloatArray:
-        """One number a parameter, (p,), `rest` for those that are not named; UsageError for a name that theta0 does not
-        have.
-        """
+        """One number a parameter, (p,), `rest` for those not named; UsageError for a name that theta0 does not have."""
         unknown = sorted(set(values) - {*self.names, *self.held})
         if unknown:
             raise UsageError(f"reach names {unknown}, which theta0 does not have; it has {sorted(self.names)}")

@@ -89,9 +89,7 @@ def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
 def states_from_outputs(
     model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
 ) -> tuple[FloatArray, ...]:
-    """State histories (n_states, n) at parameters `vector` (p,): those given, or the initial state moved to the
-    outputs.
-    """
+    """State histories (n_states, n) at parameters `vector` (p,): given, or the initial state moved to the outputs."""
     histories = []
     for grid in grids:
         if grid.start.ndim == 2:
@@ -226,9 +224,7 @@ def first_noises(y: FloatArray) -> dict[str, FloatArray]:
 def best_of(
     noises: Mapping[str, FloatArray], run: Callable[[FloatArray], FitResult], *, alone: bool, known: bool
 ) -> FitResult:
-    """The fit of the greatest likelihood; others than the first are tried, unless `alone`, where its residuals are no
-    noise.
-    """
+    """The fit of the greatest likelihood; others than the first are tried, unless `alone` has residuals of noise."""
     (source, first), *others = noises.items()
     ends = {source: run(first)}
     found = ends[source]

@@ -181,8 +181,7 @@ class Whitened(NamedTuple):
 
 def coloured_covariance(white: FloatArray, prior_information: FloatArray, segments: Sequence[Whitened]) -> FloatArray:
     """The corrected covariance, (p, p), of D = `white`, (p, p), not inflated for degrees of freedom, 0 of what is not
-    estimated. `prior_information` are inverse variances (p,), 0 without a prior; `segments` what is left of the
-    measurements.
+    estimated. `prior_information`: inverse variances (p,), 0 without prior; `segments`: the residuals.
     """
     residual = [segment.residual for segment in segments]
     correlation = autocorrelation(residual)
@@ -210,9 +209,7 @@ def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatA
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:
-    """Factor for what the fit took out of the residuals' variance: N / (N - unknowns tr(D^-1 C) / p), 1 a sample if
-    white.
-    """
+    """Factor for what the fit took out of the residuals' variance: N / (N - unknowns tr(D^-1 C) / p), 1 if white."""
     ratio = float(np.trace(np.linalg.solve(white, corrected))) / len(white)
     return samples / max(samples - unknowns * max(ratio, 1.0), 0.5 * samples)
 
@@ -232,9 +229,7 @@ def autocorrelation(residual: Sequence[FloatArray]) -> FloatArray:
 
 
 def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
-    """Coefficients (order,) of v(i) = sum a_k v(i - k) + white noise by Levinson's recursion, order by Akaike's
-    criterion.
-    """
+    """Coefficients (order,) of v(i) = sum a_k v(i - k) + white noise by Levinson's recursion, order by Akaike."""
     coefficients = chosen = np.zeros(0)
     variance = float(correlation[0])
     if variance <= 0:

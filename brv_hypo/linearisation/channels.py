@@ -244,8 +244,7 @@ class Part:
     """Some stretches of the flights of a frame.
 
     `rows` are indices into the frame's rows, `valid` where the force may be used. `pieces` are the ranges that are
-    contiguous in time, and `flights` which flight each is of; `levels` the ranges that share one constant of
-    integration.
+    contiguous in time, `flights` which flight each is of; `levels`: ranges that share a constant of integration.
     """
 
     rows: IntArray
@@ -354,9 +353,7 @@ def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part, 
 
 
 def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
-    """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out. `shared`: one
-    constant of integration for all stretches of a segment of the record.
-    """
+    """The part whose rows are chosen, short stretches left out; `shared`: one constant of integration a segment."""
     rows: list[IntArray] = []
     pieces: list[Piece] = []
     levels: list[Piece] = []

@@ -8,8 +8,7 @@ so the derolled rate is a constant plus the integrals of the columns, and its er
 differentiation colours it. Integrals run on cubic splines; jumps and ramps at a knot are exact combinations
 of the antiderivatives, for any time of the knot, so that knots can be refined continuously.
 
-`RateFrame` holds the derolled rates of all flights, and turns columns into integrated rate histories; every hypothesis
-shares it.
+`RateFrame` has the derolled rates of all flights, and integrates columns to rate histories, for every hypothesis.
 """
 
 from __future__ import annotations
@@ -134,9 +133,7 @@ class WeakSegment:
         return self.time if self.common_time is None else self.common_time
 
     def own_times(self, spans: FloatArray) -> FloatArray:
-        """The segment's own times (k,) of times on the clock of time bases (k,); before it that of its first sample.
-        After it infinite: what begins there is nothing of it.
-        """
+        """The segment's own times (k,) of those of time bases (k,): before it its first sample's, after it infinite."""
         before, end = self.coefficient_time[-2:]
         own = np.interp(spans, self.coefficient_time, self.time)
         return np.where(spans > end - _END * (end - before), np.inf, own)
@@ -236,8 +233,7 @@ class RateFrame:
     `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
     `finer` are the motions with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
     time that the flights share, the clock of time bases; None where theirs is each flight's own. `design`,
-    one (k,) a flight at its nodes, is what the design of the vehicle adds to C_mw beside the columns; empty where that
-    is nothing.
+    one (k,) a flight at its nodes, is what the vehicle's design adds to C_mw beside the columns; empty if nothing.
     """
 
     reconstructions: tuple[Reconstruction, ...]
@@ -351,9 +347,7 @@ class RateFrame:
         )
 
     def with_in_plane_moment(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
-        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`. Other shapes than these,
-        of which it is made, are evaluated anew.
-        """
+        """The frame with C_mw of Eq. 5.1 from fitted wind-fixed columns and the `design`, others evaluated anew."""
         moments = self.in_plane_moments(columns, values)
         if self.design:
             moments = tuple(own + known for own, known in zip(moments, self.design, strict=True))
@@ -410,9 +404,7 @@ class RateFrame:
 def build_frame(
     reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
 ) -> RateFrame:
-    """The frame of these flights; flights without a usable segment contribute nothing. Raises UnanswerableError where a
-    vehicle tumbles.
-    """
+    """The frame of flights, of usable segments. Raises UnanswerableError where a vehicle tumbles."""
     for motion, weight in ((rec.motion, rec.flight.dynamic_pressure**2) for rec in reconstructions):
         beyond = motion.alpha > np.radians(limits.TUMBLING_ALPHA)
         if np.sum(weight[beyond]) > limits.TUMBLING_SHARE * np.sum(weight):

@@ -52,8 +52,7 @@ def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Orthonormal columns (rows, rank) that span those of `design`, and what makes them of these (columns, rank). Long
     directions of unit columns from products of the columns, and once more from those of what is found, which leaves
     rounding alone (Yamamoto et al., ETNA 44:306, 2015: Cholesky QR twice). Short ones, few, from what the long ones
-    leave of them: products hold no digit of a direction that is 1e-8 of the longest. Directions that are rounding drop
-    out.
+    leave of them: products hold no digit of a direction 1e-8 of the longest. Directions of rounding drop out.
     """
     if not design.shape[1]:
         return design, np.zeros((0, 0))

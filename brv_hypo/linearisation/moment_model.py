@@ -53,9 +53,7 @@ class MomentModel:
         return baseline[:, np.newaxis] + others[:, np.newaxis] * kept
 
     def changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
-        """How much more the moments (m, records) of some records are than those of others, to first order. `kept` (m,
-        records): how much more they keep (see `usual`).
-        """
+        """How much more the moments (m, records) are than others', to first order; `kept` (m, records): see `usual`."""
         out = np.asarray(self._now[1][:, np.newaxis] * kept, dtype=complex)
         differences = self._differences(more, less)
         for ago, slopes in self._slopes.items():

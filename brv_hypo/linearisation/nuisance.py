@@ -1,8 +1,7 @@
 """What is fitted along in every hypothesis: the motion, the normal force, and the errors of record and vehicle.
 
 No flight has perfect instruments. Each unknown is a history of the residual, linearised once on the fitted, noise-free
-motion; those that the record's tolerances bound have that Gaussian prior. Histories are kept on as many rows as the
-motion needs.
+motion; those that the record's tolerances bound have that Gaussian prior. Histories have the rows that motion needs.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ class FlightHistories:
     """Histories of the unknowns in `places` on one flight: `kept` (m, unknowns) of them, on the rows that `grid` keeps
     of those (`span`) that the flight has of the frame.
 
-    Those in `walks` are made of the very noise that the rates show; `noise` (m, walks) rad/s is what one unit of each
-    is of it.
+    Those in `walks` are of the very noise that the rates show; `noise` (m, walks) rad/s is one unit of each.
     """
 
     span: slice

@@ -62,9 +62,7 @@ def cycles(motion: Motion) -> float:
 
 
 def walk_sines(record: InertialRecord, count: int) -> tuple[FloatArray, FloatArray]:
-    """Sines (n, count) rad of a random walk, each of unit prior variance, and the gyros' noise (n, count) rad/s that
-    they are the integrals of.
-    """
+    """Sines (n, count) rad of a random walk, of prior variance 1, and the gyros' noise rad/s that they integrate."""
     order, duration, step = np.pi * (np.arange(count) + 0.5), record.time[-1], record.flight.step
     angle = np.outer(record.time / duration, order)
     sigma = record.gyro_walk.sigma_at(order * step / duration)  # of white noise as large at each frequency

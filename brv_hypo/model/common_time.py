@@ -152,8 +152,7 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
 def _common(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> FloatArray:
     """The reference flight's time (n,) s at a flight's own time (n,) s, from its measured and smooth Mach number (n,).
     By Mach number alone, or as a polynomial of its own time where the means of its Mach number want no more by BIC:
-    where Mach number hardly runs it determines time badly; a shift or a change of pace between flights is then
-    estimated far better.
+    where Mach number hardly changes it determines time badly; a shift or pace between flights is then better known.
     """
     first, last = reference.mach[[0, -1]]
     sign, slow = float(np.sign(last - first)), abs(_mean_pace(reference.time, reference.mach))

@@ -130,6 +130,7 @@ class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
     `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
+    `time_errors` are those of its theta, of its start (`knot`), and of what it takes to come on (`onset width`).
     `flight`: the one of several flights that it belongs to, counted from 0; None for all.
     """
 
@@ -144,6 +145,7 @@ class SavedColumn(_Saved):
     part_of: str | None = None
     value: float | None = None
     std_error: float | None = None
+    time_errors: dict[str, float] = {}
     elsewhere: float | None = Field(default=None, exclude=True)  # of earlier files: read, and not used
     flight: int | None = None
 

@@ -381,8 +381,7 @@ def cycles(record: InertialRecord) -> float:
 
 def start_from_nose(record: InertialRecord, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity. The report takes the mean
-    Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity and forces turn is made
-    least.
+    Euler angles over a cycle; here the nose's mean offset from a velocity that gravity and forces turn is least.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]

@@ -136,7 +136,7 @@ def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
 def applied(operator: sparse.csr_array, values: Values) -> Values:
     """A sparse operator (m, n) on values (n, ...), real or complex."""
     flat = np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
-    return np.asarray(operator @ flat).view(values.dtype).reshape(-1, *values.shape[1:])
+    return np.asarray(operator @ flat).view(values.dtype).reshape(operator.shape[0], *values.shape[1:])
 
 
 @dataclass(frozen=True)
@@ -205,9 +205,7 @@ class DecimatedGrid:
 
 
 def decimated_grid(pieces: Sequence[tuple[int, int]], stride: int) -> DecimatedGrid:
-    """About every `stride`-th sample of each piece [a, b), which follow each other, its ends left out; all of short
-    records and pieces.
-    """
+    """About every `stride`-th sample of each piece [a, b), in order, ends left out; all of short records and pieces."""
     count = pieces[-1][1] if pieces else 0
     if count <= _MOST_KEPT or stride < 2:
         return DecimatedGrid(np.arange(count))

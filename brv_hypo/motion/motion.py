@@ -9,8 +9,7 @@ A transverse pair (y, z) in body axes is one complex number y + i z. With it the
 `recorded` gives a motion its past: every quantity tau seconds earlier, by cubic interpolation; angles by way of the
 crossflow, because alpha has a cusp and the meridian jumps by pi where alpha passes through zero. `with_crossflow`
 sets the angles from a crossflow. `quadrature` and `at_nodes` evaluate a motion between its samples, where the
-windward meridian turns too fast for any rule of integration on the samples alone (half a turn in no time where
-alpha passes by zero).
+windward meridian turns too fast for any rule of integration on samples alone (half a turn where alpha is zero).
 """
 
 from __future__ import annotations

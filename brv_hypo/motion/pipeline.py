@@ -63,8 +63,7 @@ def require_answerable(flight: Flight) -> None:
 
 def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimate:
     """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count. `record`
-    is corrected by the `known` of its errors; the rest of the estimates is subtracted here, and their covariance counts
-    in `sigma`.
+    is corrected by the `known` of its errors; other estimates are subtracted here, their covariance is in `sigma`.
     """
     spin = record.spin_rate
     responses = effects.responses

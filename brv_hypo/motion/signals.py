@@ -191,9 +191,7 @@ class _Filter:
 
 @lru_cache(maxsize=256)
 def _filter(order: int, half_width: int, derivative: int) -> _Filter:
-    """Filter of the value (`derivative` 0) or of its derivative per sample (1). The polynomials are Legendre's: raw
-    powers lose all digits on wide windows.
-    """
+    """Filter of the value (`derivative` 0) or its derivative per sample (1), by Legendre's: powers lose digits."""
     window = np.arange(-half_width, half_width + 1) / half_width
     basis, triangle = np.linalg.qr(legvander(window, order))
     wanted = legval(window[: half_width + 1], legder(np.eye(order + 1), derivative)) / half_width**derivative
@@ -354,8 +352,7 @@ def _splines_through(n: int) -> FloatArray:
 
 def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Roughness (count,) and coefficients (count, count) of orthonormal combinations of the columns (n, count). From
-    singular values: the roughness of the smoothest is 1e-11 of the roughest's, of which eigenvalues of squares keep
-    five digits.
+    singular values: the smoothest's roughness is 1e-11 of the roughest's, of which squares keep five digits.
     """
     count = weighted.shape[1]
     normal = weighted.T @ weighted

@@ -1,13 +1,11 @@
 """`predict`: what a model that was found on other flights, its coefficients frozen, says of this one.
 
-What the model's coefficients err by, and the record's errors fixed within their tolerances, widens the prediction
-interval beyond the noise, to first order by what is left of it after all that is fitted along. So does the model's own
-error (`ModelError`), as measured on stretches that took no part in its fit. What is fitted along takes some of the
-noise with it where it is fitted, and brings its own error elsewhere.
+The prediction interval has the noise, what coefficients, times and the record's errors within tolerances make to first
+order beside all that is fitted along, and the model's own error (`ModelError`) on stretches that took no part in its
+fit. What is fitted along takes some of the noise with it where it is fitted, and brings its own error elsewhere.
 
-The attitude is the integral of the very noise that the rates show, and the static moment follows the attitude: of noise
-at a frequency f, the difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion
-(`noise_share`).
+The attitude integrates the noise that the rates show, and the static moment follows it: of noise at a frequency f, the
+difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion (`noise_share`).
 """
 
 from __future__ import annotations
@@ -31,6 +29,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, scale_variance, slope
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.refinement import prediction_slopes, shift_sigma
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, first_values
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
@@ -149,7 +148,10 @@ def _predict(
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
-    measured, left, left_within = data.moments(data.frame.observed), fit.left, within.left
+    # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
+    more = [name for name in tolerated if name in {c.mechanism for c in columns} and name not in refit]
+    more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
+    measured, left, left_within = data.moments(data.frame.observed), fit.left if more else within.left, within.left
     own = _freed(within, tuple(column.mechanism for column in columns)).left
     errors = ErrorsOfPrediction(
         without=measured.mean_square(),
@@ -160,6 +162,7 @@ def _predict(
     # Coefficients that are fitted here are beside errors within tolerances.
     fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
     known, known_by, both = _uncertain(fit, content, places)
+    moved = _moved_by_times(fit, content, places)
     change, differences, differs, misfit = None, tuple[Difference, ...](), False, float("nan")
     covariance[np.ix_(known, known)] = known_by
     terms = estimates(columns, np.where(np.isfinite(fixed), fit.values, within.values), covariance, data.frame)
@@ -168,6 +171,7 @@ def _predict(
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=bool(left_out))
     if not here:  # a test of estimates against the record that they are of would count it twice
         every = beside_processes(fit, fit.model, fit.problem.rows.part)
+        every = replace(every, rows=every.rows.allowing(moved))
         alone = every.evidence([], ())
         better = max(alone, every.null, key=lambda each: each.level)
         differences = find_differences(better, terms, fixed, both)
@@ -190,7 +194,7 @@ def _predict(
     slopes = per_coefficient(data.frame, columns, 0, motion, motion.alpha, slope) @ within.values
     stiffness, modes = slopes * data.records[0].moment_scale, fit.problem.rows.nuisances.flights[0].walks.size // 2
     noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
-    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise, beyond)
+    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], moved, noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     found = Prediction(
         flight=flight_summary(flight),
@@ -214,9 +218,6 @@ def _predict(
     )
     of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise) for each in (left, left_within))
-    # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
-    more = [name for name in tolerated if name in {columns[k].mechanism for k in known}]
-    more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
     remedy = ",".join((*refit, *more)) if more and not (here and content.errors) else ""
     return found.model_copy(update={"reason": reason(found, of_own, rest, freely, remedy)})
 
@@ -241,8 +242,7 @@ def _frozen(
 ) -> tuple[Fit, IntArray, tuple[str, ...]]:
     """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
     here, where the model is known if that is enough of the record; where its columns are in the file; and the
-    mechanisms that are left out, as they belong to the times of the model's own flights, which this is not unless it is
-    `here`.
+    mechanisms that are left out, which belong to times of the model's own flights, unless this one is (`here`).
     """
     model = restored(content, (flight,), frozen=True)
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
@@ -258,12 +258,15 @@ def _frozen(
     known = {column: saved.value for column, saved in zip(columns, content.columns, strict=True)}
     fixed = np.array([np.nan if c in to_refit else known.get(c, np.nan) for c in model.columns], dtype=float)
 
-    def read_with(corrections: Errors) -> Fit:
-        """The model where these are taken out of the record and `effects` are free within their tolerances."""
+    def read_with(corrections: Errors, own: FloatArray | None = None) -> Fit:
+        """The model where these are taken out of the record and `effects` are free within their tolerances. A delay
+        looks back to the moment that this flight's `own` coefficients (columns,) make, plain ones where not given.
+        """
         data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-        values = first_values(data.frame, data.whole, model.columns)
+        values = first_values(data.frame, data.whole, model.columns) if own is None else own
+        data = data.with_in_plane_moment(model.columns, values)
         fit = fitted_about(data, model, np.where(np.isnan(fixed), values, fixed))
         # What has no prior was found on this very record, and is taken out of it; so are errors that are known.
         held = fixed.tolist()
@@ -275,20 +278,24 @@ def _frozen(
 
     places = np.array([place.get(column, -1) for column in model.columns])
     corrections = next_corrections(0, flight, model, own_errors, {})
-    if not effects:
-        return read_with(corrections), places, left_out
-    found = list[Fit]()
-    for _ in range(1 + PREDICTED_LINEARISATIONS):
-        last = read_with(corrections)
-        errors = _errors_within(last, content, places)
+    delays, found, own = (
+        any(column.theta for column in model.columns),
+        list[tuple[float, Fit]](),
+        fixed if here else None,
+    )
+    for _ in range(1 + PREDICTED_LINEARISATIONS * bool(effects or (delays and not here))):
+        last = read_with(corrections, own)
+        own, errors = _within(last, content, places)
         mine = np.array([False] * len(model.columns) + [item.name in effects for item in last.nuisances])
         fitted = np.append(np.full(len(model.columns), np.nan), errors)
-        found.append(replace(last, known=np.where(mine, fitted, last.known)))
+        found.append((last.left.mean_square(), replace(last, known=np.where(mine, fitted, last.known))))
         beside = last.problem.rows.nuisances.values(errors, 1)[0]
-        own = {name: value for name, value in beside.items() if name[0] in effects}
-        corrections = next_corrections(0, flight, model, own, corrections)
-    # A record that the model explains badly may have another motion without them, which it explains worse.
-    return min(found, key=lambda each: each.left.mean_square()), places, left_out
+        found_own = {name: value for name, value in beside.items() if name[0] in effects}
+        corrections = next_corrections(0, flight, model, found_own, corrections)
+    # A record that the model explains badly may have another motion without them, which it explains worse. The first is
+    # about a plain moment, whose errors are those of a lag's fraction.
+    about = found[-PREDICTED_LINEARISATIONS:] if delays else found
+    return min(about, key=lambda each: each[0])[1], places, left_out
 
 
 def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -301,9 +308,19 @@ def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArra
     return known, known_by, known_by + 2.0 * scale_variance(fit.problem) * np.outer(fixed[known], fixed[known])
 
 
-def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArray:
-    """The nuisances (unknowns,) where fixed coefficients may differ by what they are known to: exact ones err at the
-    expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
+def _moved_by_times(fit: Fit, content: SavedModel, places: IntArray) -> ComplexArray:
+    """What one standard deviation of each delay and knot does to the rates (frame rows, parameters): that in the file,
+    and of a knot within a sample, by which filters shift it on either flight.
+    """
+    nonlinear, step = fit.nonlinear, shift_sigma(fit.data.flights[0].step)
+    known = [content.columns[places[each.columns[0]]].time_errors.get(each.name, 0.0) for each in nonlinear]
+    sigmas = np.hypot(known, [step * (each.kind == "knot") for each in nonlinear])
+    return np.asarray(prediction_slopes(nonlinear, fit.model.columns, fit.values, fit.data.frame) * sigmas)
+
+
+def _within(fit: Fit, content: SavedModel, places: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients (columns,) and nuisances (unknowns,) where fixed coefficients may differ by what they are known to:
+    exact ones err at the expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
     """
     known, _, covariance = _uncertain(fit, content, places)
     columns = fit.model.columns
@@ -315,7 +332,7 @@ def _errors_within(fit: Fit, content: SavedModel, places: IntArray) -> FloatArra
     response = fit.problem.raw_response - design @ np.where(free, 0.0, values)
     both = np.vstack([design, prior])[:, free]
     values[free] = solve_scaled(both, np.append(response, inverse @ fit.known[known]))
-    return values[values.size - len(fit.nuisances) :]
+    return values[: places.size], values[values.size - len(fit.nuisances) :]
 
 
 def _in_model(model: Model, name: str) -> str:
@@ -387,19 +404,26 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
     return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
 
 
-def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
+def predictive_sigma(
+    fit: Fit, covariance: FloatArray, moved: ComplexArray, noise_sigma: FloatArray, beyond: FloatArray
+) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
-    `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `noise_sigma` (rows,) is of the
-    moments' noise, `beyond` (rows,) of what the model lacks.
+    `covariance` is that of the fixed coefficients (fixed columns, fixed columns), `moved` (rows, times) what one
+    standard deviation of each delay and knot makes of the rates; `noise_sigma` (rows,) is of the moments' noise,
+    `beyond` (rows,) of what the model lacks.
     """
     problem, frame, (design, _, free) = fit.problem, fit.data.frame, fit.all_unknowns
     scale = lengths(design[:, free])
     solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
     constants = np.zeros((frame.observed.size, 2 * len(problem.rows.part.levels)))  # show in no moment
     nuisances = problem.rows.nuisances.histories(np.eye(len(fit.nuisances))).rates
-    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, nuisances])).body
-    of_fitted = moments[:, free]
-    slopes = moments[:, ~free] - of_fitted @ (solved @ design[:, ~free])
+    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, nuisances, moved])).body
+    design, fixed = (
+        np.column_stack([design, problem.rows.of_moments(moved)]),
+        np.append(~free, np.ones(moved.shape[1], dtype=bool)),
+    )
+    of_fitted = moments[:, ~fixed]
+    slopes = moments[:, fixed] - of_fitted @ (solved @ design[:, fixed])
     known = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
     # The level of the noise that the rates are weighed with, over that of the gyros.
     raised = problem.rows.noise.rates.sigma / float(np.median([record.gyro_sigma for record in problem.records]))

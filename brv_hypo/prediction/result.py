@@ -32,9 +32,7 @@ class ModelSource(NullIsNaN):
 
 
 class ErrorsOfPrediction(NullIsNaN):
-    """Mean squares of the moment coefficients, both axes together. `without` a model: as measured; less the `frozen`
-    model; less the same model refitted here (`own`); of the `noise`.
-    """
+    """Mean squares of moment coefficients: measured (`without`), less `frozen` model, less `own` refit; of `noise`."""
 
     without: float
     frozen: float
@@ -70,9 +68,8 @@ class LocalChange(NullIsNaN):
 
 
 class Difference(NullIsNaN):
-    """A frozen coefficient that differs from this flight's, those that are not named within their errors. `value` is
-    what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
-    `alternatives`: terms of which one in its place would explain this flight nearly as well.
+    """A frozen coefficient that differs from this flight's, others within their errors. `value`: what it is more here;
+    `p_value`: paid for all; `beside_processes`: if evidence wants these; `alternatives`: terms for its place.
     """
 
     term: str
@@ -146,8 +143,13 @@ class Prediction(HasCharts, Result):
         """In a few words, whether the model holds on this flight."""
         if self.own_record:
             return "Prediction of the model's own record"
-        contradicted = self.refused or self.lacks_an_effect
-        return "Prediction: the model " + ("is contradicted" if contradicted else "is not contradicted")
+        contradicted = "is contradicted" if self.refused or self.lacks_an_effect else "is not contradicted"
+        return f"Prediction: the model{self.without} {contradicted}"
+
+    @property
+    def without(self) -> str:
+        """What is left out of the model, in words that follow it."""
+        return f" without {', '.join(self.left_out)}" if self.left_out else ""
 
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""
@@ -159,12 +161,9 @@ class Prediction(HasCharts, Result):
 
     def rows(self) -> Sequence[Row]:
         """One row for each region of time."""
-        rows = []
-        for region in self.regions:
-            low, high = region.mach or (None, None)
-            ends = {"start_s": region.start_s, "stop_s": region.stop_s, "mach_from": low, "mach_to": high}
-            rows.append({**ends, "ratio": region.ratio})
-        return rows
+        names = "start_s", "stop_s", "mach_from", "mach_to", "ratio"
+        known = ((each.start_s, each.stop_s, *(each.mach or (None, None)), each.ratio) for each in self.regions)
+        return [dict(zip(names, each, strict=True)) for each in known]
 
 
 _OWN_RECORD = (
@@ -181,35 +180,30 @@ _NOWHERE = (
 def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
     """The outcome in a few sentences. `own` is the share that the same model explains where it is fitted here. Of the
     whole record, as shares of the mean square: what the frozen model leaves (`left`), and what it would if record and
-    vehicle erred within their tolerances (`freed`); `remedy` is what `--refit` would name as well for that. What
-    contradicts the model beside these errors it does not correct, unless it names the very coefficient.
+    vehicle erred within their tolerances (`freed`); `remedy` is what `--refit` would name as well for that.
     """
-    band, noise, helps, refitted = found.band, found.error.noise, "", remedy.split(",")
-    differences = filter(None, (found.difference, *found.further_differences))
-    named = all(each.mechanism in refitted for each in differences)
-    contradicts = found.refused and (found.local_change is not None or not named)
+    band, noise, helps = found.band, found.error.noise, ""
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
             f" Over the whole record its error is {left:.3g} of the mean square. Errors of record and vehicle (trim "
-            f"among them) were assumed zero; `--refit {remedy}` lets this flight have its own"
-            + (f", for an error of about {max(freed, 1e-6):.2g}." if much and not contradicts else ".")
+            f"among them) were assumed zero; `--refit {remedy}` lets this flight have its own."
         )
     if found.flown == 0.0:
         return _NOWHERE + helps
     said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
     said += (
-        f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
+        f"The frozen model{found.without} {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
     if band.inside < PREDICTED_HOLDS and not found.own_record:
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
-        less = f", without {', '.join(found.left_out)}," if found.left_out else ""
         said += (
-            f" On held-out blocks of the flights that it was found on its residual{less} was {band.model_error:.2g} "
-            f"(rms), {band.model_error / np.sqrt(noise):.1f} times the noise: the prediction interval includes this."
+            f" On held-out blocks of the flights that it was found on its residual{found.without} was "
+            f"{band.model_error:.2g} (rms), {band.model_error / np.sqrt(noise):.1f} times the noise: the prediction "
+            "interval includes this."
         )
     if found.flown < PREDICTED_NEARLY_ALL:
         said += (
@@ -224,11 +218,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             "and delays of the model: `brv-hypo trace FLIGHT.h5 --model MODEL` fits these too."
         )
     if found.left_out:
-        act, are = ("acts", "is") if len(found.left_out) == 1 else ("act", "are")
-        names = ", ".join(found.left_out)
         said += (
-            f" {names} of the model {act} at times of the flight that it was found on, and {are} left out: "
-            f"`--refit {','.join(found.left_out)}` fits the size to this flight, at these times."
+            f" Left out, as it belongs to times of the model's own flight: {', '.join(found.left_out)}; `--refit "
+            f"{','.join(found.left_out)}` fits its size to this flight, at these times."
         )
     return said
 
@@ -239,8 +231,8 @@ def _differs(found: Prediction) -> str:
     if found.lacks_an_effect:
         return (
             f" Beside processes and with coefficients of its own, this flight's residual is still {found.misfit:.2g} "
-            "times the noise: something acts that the model lacks, and a coefficient that differs may only stand for "
-            "it. `brv-hypo compare` on this flight tells more."
+            f"times the noise: something acts that the model{found.without} lacks, and a coefficient that differs may "
+            "only stand for it. `brv-hypo compare` on this flight tells more."
         )
     if difference is not None and difference.p_value < REFUSED:
         every = (difference, *found.further_differences)
@@ -248,7 +240,8 @@ def _differs(found: Prediction) -> str:
         these = "; and ".join(map(_in_words, every))
         said = f" This flight contradicts the model (p {p_value(difference.p_value)}{beside}): {these}."
     if change is not None:
-        mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
+        ends = dict.fromkeys(f"{end:.4g}" for end in reversed(change.mach or ()))
+        mach = f", Mach {' to '.join(ends)}" if ends else ""
         units = "" if change.units == "1" else f" {change.units}"
         said += (
             f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "

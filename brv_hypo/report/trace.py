@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, P
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps
+from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps, names_added
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
@@ -34,14 +35,14 @@ CANDIDATES_AT_FIRST = 3  # candidates that the terminal shows for each step; all
 _STOPPED = {
     "white": "The residual is noise.",
     "nothing significant": "No effect explains more.",
-    "nothing improves held-out error": "No effect that was tried lowers the held-out error, or more than processes do.",
+    "nothing improves held-out error": "No further effect lowers the held-out error and explains more than processes.",
     "limit": "",
 }
 """Why the loop stopped, where that says something of the flight."""
 _ERRORS = (
     "Mean square of the moments on blocks in no fit or choice; sigma: its standard error, from block to block. Errors "
-    "of the record, tolerances as 1 sigma, are fitted in every model. scheduled: static slope by Mach number, what "
-    "trace starts from; constant: a constant slope, for comparison (setting `baseline`)."
+    "of the record, tolerances as 1 sigma, are fitted in every model. scheduled: static slope by Mach number; "
+    "constant: a constant slope, for comparison (setting `baseline`)."
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
 FITTED_WORSE = (
@@ -127,12 +128,12 @@ def _history_text(history: ProcessHistory) -> str:
 def trace_document(result: Trace) -> Document:
     """The steps, the model, and the residual that stays unexplained."""
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
-    sound, found = result.record.sound, ", ".join(result.findings)
+    sound, found, given = result.record.sound, ", ".join(result.findings), ", ".join(result.given)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     collinear = tables.collinear_texts("C_mq", result.damping)
     flown = [value for slope in result.static_slopes for value in slope.at_flown]
-    ends = f"from {number(min(flown), 2)} to {number(max(flown), 2)}" if flown else ""
-    stable = f"The static moment is stable: C_malpha {ends} per rad at the angles flown." if flown else ""
+    ends = dict.fromkeys(number(end, 2) for end in (min(flown), max(flown))) if flown else ()
+    stable = f"The static moment is stable: C_malpha {' to '.join(ends)} per rad at the angles flown." if ends else ""
     conclusion = (
         "" if sound else CONTRADICTED,
         _found_text(result),
@@ -148,7 +149,7 @@ def trace_document(result: Trace) -> Document:
         beyond_text(result.record_errors, "the final model"),
         within_text(result.record_errors),
     )
-    names = [each.model for each in result.account]
+    names, nothing = [each.model for each in result.account], f"nothing beside {given}" if given else "nothing"
     account = [
         {
             "model": each.model + (f", part {names[:k].count(each.model) + 1}" if names.count(each.model) > 1 else ""),
@@ -174,7 +175,11 @@ def trace_document(result: Trace) -> Document:
     heading = "What was found, beside all that was added and without processes: quote those of compare"
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST)
     warnings = (*fault_texts(result.record), *result.caveats)
-    steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
+    has = [(*result.given, *names_added(result.steps[:k])) for k in range(len(result.steps))]
+    steps = [
+        *(b for step, own in zip(result.steps, has, strict=True) for b in _step(step, own)),
+        Texts(final, "Final residual", bullets=False),
+    ]
     sections = [
         Section("Data quality", [tables.warning_texts(warnings), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in _charts(result).items()),
@@ -186,7 +191,7 @@ def trace_document(result: Trace) -> Document:
     return Document(
         title=f"Residual traced: {name}",
         subtitle=[*flight_lines(result.flights), *([tables.motion_known(known, "the final model")] if known else [])],
-        conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
+        conclusion_title=f"Found: {found or (f'no name, family {most}' if most else nothing)}" if sound else IN_DOUBT,
         conclusion="\n".join(filter(None, conclusion)),
         decided=sound and (bool(found) or result.unexplained is None),
         blocks=sections,
@@ -215,7 +220,8 @@ def _found_text(result: Trace) -> str:
         return " ".join(said)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
-    return f"No effect with a name was found{explained}."
+    beside = f" beside {', '.join(result.given)} of the model given" if result.given else ""
+    return f"No effect with a name was found{beside}{explained}."
 
 
 def next_step(result: Trace) -> str:
@@ -255,7 +261,7 @@ def next_data(step: Step) -> str:
     return "" if step.residual.white or first is None else f"To go on: {first.family} first, by {_DATA[first.family]}."
 
 
-def _step(step: Step) -> list[Block]:
+def _step(step: Step, has: Sequence[str]) -> list[Block]:
     ordered = sorted(step.candidates, key=lambda row: -row.f_ratio)
     candidates = [
         {
@@ -279,7 +285,7 @@ def _step(step: Step) -> list[Block]:
     sentences = (
         f"By family: {families}." if families else "",
         f"Evidence of each beside all others: {', '.join(gains)}." if gains else "",
-        outcome_text(step),
+        outcome_text(step, has),
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
@@ -294,8 +300,8 @@ def _step(step: Step) -> list[Block]:
     ]
 
 
-def outcome_text(step: Step) -> str:
-    """What was added, and the errors before and after."""
+def outcome_text(step: Step, has: Sequence[str] = ()) -> str:
+    """What was added to a model that `has` some effects, and the errors before and after."""
     before, after = step.error_before, step.error_after
     if step.added is None or after is None:
         # what was significant in the fit, and why it was not added; the last of them where few repetitions name it
@@ -303,7 +309,8 @@ def outcome_text(step: Step) -> str:
         worse = [name for name in step.refused if name not in (*unnamed, *step.unwanted)]
         reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
         reasons += [f"processes explain the flight far better than {', '.join(step.unwanted)}"] if step.unwanted else []
-        why = "; ".join([*reasons, *(f"few repetitions name {name}" for name in unnamed)])
+        parts = [f"a further part of {name}" if name in has else name for name in unnamed]
+        why = "; ".join([*reasons, *(f"few repetitions name {part}" for part in parts)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
         return f"added nothing{f' ({why})' if why else ''}; {errors}"
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
@@ -359,7 +366,9 @@ def prediction_document(result: Prediction) -> Document:
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
             Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
             *prediction_charts(result),
-            term_table("Frozen, with errors of the fit alone", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
+            term_table(
+                "Frozen; sigma: of the fit, without processes", result.frozen, "always", most=COEFFICIENTS_AT_FIRST
+            ),
             term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
             tables.warning_texts(fault_texts(result.record)),
             Texts(flight.notes, "Notes", shown="page"),
@@ -414,7 +423,7 @@ def _errors(result: Prediction) -> dict[str, float]:
     error, band = result.error, result.band
     return {
         "nothing": error.without,
-        "the frozen model": error.frozen,
+        f"the frozen model{result.without}": error.frozen,
         "the frozen model, record errors fitted": float(np.mean(np.subtract(band.measured, band.predicted) ** 2)),
         "the model fitted here": error.own,
         "noise alone": error.noise,

@@ -93,9 +93,7 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
 
 @dataclass(frozen=True)
 class Criteria:
-    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others; nan without degrees of
-    freedom.
-    """
+    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual; nan without degrees of freedom."""
 
     rss: float  # (a) Sum of e^2
     adjusted_rss: float  # (b) RSS / (n - p). Hocking, Biometrics 32 (1976) 1.

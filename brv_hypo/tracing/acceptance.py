@@ -181,7 +181,8 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         {name: value for name, value in known.items() if (number, *name) not in freed}
         for number, known in enumerate(fit.data.corrections)
     ]
-    return fitted_about(correct(fit.data.source, model, corrections), model, fit.values, fit.problem.rows.noise)
+    data = correct(fit.data.source, model, corrections).with_in_plane_moment(model.columns, fit.values)
+    return fitted_about(data, model, fit.values, fit.problem.rows.noise)
 
 
 @dataclass(frozen=True)

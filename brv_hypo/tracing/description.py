@@ -1,8 +1,7 @@
 """A sparse description of a residual in generic terms, for what no plugin describes, in words that an analyst uses.
 
 An entry of the dictionary is one vector or one scalar: terms that enter together. Entries with a position (a rate of
-turning, a Mach number) are laid on a grid and can be moved. Entrances: `described` throughout a record, and
-`described_in_part`.
+turning, a Mach number) are on a grid and can be moved. Entrances: `described` (a record), `described_in_part`.
 """
 
 from __future__ import annotations

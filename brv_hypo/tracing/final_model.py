@@ -15,7 +15,7 @@ from scipy import stats
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, motions_beside, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
-from brv_hypo.comparison.result import TermEstimate
+from brv_hypo.comparison.result import RecordError, TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, motion_summary, of_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
@@ -38,6 +38,7 @@ REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, bel
 # Logarithm by which that leaves a parabola in ln Mach on one of 32 stretches, from which it is said. Opportunity has
 # 0.012 at most, with a density that was found from it; slender simulated bodies, whose drag follows alpha, have 0.025.
 REPORTED_DENSITY = 0.05
+OF_AN_ERROR = {"value", "std_error", "units"}  # of the record, that an estimate has too
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
 
 
@@ -68,6 +69,13 @@ def gathered(
     every = zip(flights, data.frame.reconstructions, slopes, strict=True)
     alone = [data.source.read(k, Model(), {})[1] for k in range(len(flights))]
     motions, moved = motions_beside(data.frame.reconstructions, alone)
+    in_record = _record_terms(whole)
+    added = [  # beyond their tolerances
+        RecordError(name=f"{t.mechanism} {t.name}", tolerance=a.size, **t.model_dump(include=OF_AN_ERROR))
+        for a, t in zip(whole.model.applied, in_record, strict=True)
+        if a.effect.carried
+    ]
+    known = sorted((*added, *record_errors(beside, weight)), key=lambda each: -abs(each.tolerances))
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -77,11 +85,11 @@ def gathered(
         families=steps[0].families,
         account=account,
         model=ModelSummary(
-            terms=(*estimates(columns, values, covariance + of_processes, data.frame), *_record_terms(whole)),
+            terms=(*estimates(columns, values, covariance + of_processes, data.frame), *in_record),
             definition=_definition(fit, whole),
         ),
         reconstruction=motion_summary(motions, moved),
-        record_errors=record_errors(beside, weight),
+        record_errors=tuple(known),
         **collinear(columns, covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
@@ -210,8 +218,11 @@ def _definition(fit: Fit, whole: Fit) -> SavedModel:
     if np.all(np.isfinite(mach)):
         flown["mach"] = (float(mach.min()), float(mach.max()))
     saved = whole.model.but(columns=columns).saved().with_coefficients(values, covariance)
+    errors = [*whole.errors_of_times, *({} for _ in columns[len(whole.values) :])]
+    pairs = zip(saved.columns, errors, strict=True)
     return saved.model_copy(
         update={
+            "columns": tuple(column.model_copy(update={"time_errors": own}) for column, own in pairs),
             "error": model_error(fit.data, fit.left, left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),

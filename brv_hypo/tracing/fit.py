@@ -21,7 +21,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.inference.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.channels import Histories, Noise, Part, first_values, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, residual_moments
@@ -98,12 +98,12 @@ class Corrected:
         """The rows that are chosen (frame rows,)."""
         return part(self.frame, self.whole.valid, chosen, shared=True)
 
-    def with_in_plane_moment(self, columns: tuple[Regressor, ...]) -> Corrected:
-        """With C_mw of Eq. 5.1 where columns depend on its past."""
+    def with_in_plane_moment(self, columns: tuple[Regressor, ...], values: FloatArray | None = None) -> Corrected:
+        """With C_mw of Eq. 5.1 where columns depend on its past, by coefficients (columns,), or plain, biased ones."""
         data = self
         for _ in range(MODEL_MOMENT_ROUNDS if any(column.theta for column in columns) else 0):
-            values = first_values(data.frame, data.fitted, columns)
-            data = replace(data, frame=data.frame.with_in_plane_moment(columns, values))
+            known = first_values(data.frame, data.fitted, columns) if values is None else values
+            data = replace(data, frame=data.frame.with_in_plane_moment(columns, known))
         return data
 
     def moments(self, rates: ComplexArray) -> ResidualMoments:
@@ -123,8 +123,7 @@ class Corrected:
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
         """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
-        Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
-        of the record may act.
+        Components of effects that the model holds are free, others bounded by tolerances; `processes` may act.
         """
         frame, config, effects = self.frame, self.source.config, (*nuisance_effects(), *processes)
         free: list[dict[tuple[str, str], RecordEffect]] = [{} for _ in linear]
@@ -205,23 +204,39 @@ class Fit:
         columns, first = len(self.model.columns), 2 * len(self.problem.rows.part.levels)
         return np.append(np.arange(columns), columns + first + np.arange(len(self.nuisances)))
 
-    @cached_property
+    @property
     def covariance(self) -> FloatArray:
         """That of coefficients and nuisances, 0 of fixed ones; where none is, with what delays and knots err by."""
-        problem, columns, frame = self.problem, self.model.columns, self.data.frame
+        return self._errors[0]
+
+    @property
+    def nonlinear(self) -> tuple[Nonlinear, ...]:
+        """Delays and knots of the model."""
+        return nonlinear_parameters(self.model.columns, self.data.frame, self.problem.knots)
+
+    @property
+    def errors_of_times(self) -> list[dict[str, float]]:
+        """1-sigma of the delays and knots of each column."""
+        pairs = list(zip(self.nonlinear, self._errors[1].tolist(), strict=True))
+        return [{each.name: sigma for each, sigma in pairs if k in each.columns} for k in range(self.values.size)]
+
+    @cached_property
+    def _errors(self) -> tuple[FloatArray, FloatArray]:
+        """`covariance`, and 1-sigma of delays and knots."""
+        problem, columns = self.problem, self.model.columns
         design, values, free = self.all_unknowns
         residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
         if not free.all():
             efficiency = problem.efficiency_of(residual)
-        elif nonlinear := nonlinear_parameters(columns, frame, problem.knots):
-            slopes = prediction_slopes(nonlinear, columns, self.values, frame)
+        elif nonlinear := self.nonlinear:
+            slopes = prediction_slopes(nonlinear, columns, self.values, self.data.frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
         # Constants and nuisances are subtracted from the problem's samples already.
         counted = problem.samples + int(free[len(columns) :].sum())
         found = covariance_of(fitted, residual, counted, efficiency)
         covariance[np.ix_(free, free)] = found[:count, :count]
-        return np.asarray(covariance[np.ix_(self._places, self._places)], dtype=float)
+        return covariance[np.ix_(self._places, self._places)], np.sqrt(np.diag(found)[count:])
 
     @property
     def coefficients(self) -> Coefficients:
@@ -333,9 +348,18 @@ class Fit:
         if not nonlinear:
             return self
         reduced = Reduced(replace(problem, baseline=()), problem.frame)
-        columns = refine(columns, nonlinear, frozenset(), reduced, steps).columns
-        own = self.model.but(columns=columns), self.data.with_in_plane_moment(columns)
+        found = refine(columns, nonlinear, frozenset(), reduced, steps)
+        columns = found.columns
+        own = self.model.but(columns=columns), self.data.with_in_plane_moment(columns, found.fitted.values)
         return Fit(*own, replace(problem, baseline=columns), self.linear, self.noise)
+
+    @property
+    def about_its_own(self) -> Fit:
+        """The same, linear about its own coefficients; knots and delays follow the moment that these look back to."""
+        if not any(column.theta for column in self.model.columns):
+            return fitted_about(self.data, self.model, self.values)
+        data = self.data.with_in_plane_moment(self.model.columns, self.values)
+        return fitted_about(data, self.model, self.values).at_best_knots()
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
@@ -371,8 +395,8 @@ def converged_from(fit: Fit) -> Fit:
         for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
             names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
             acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
-        fit = fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
-    return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)[0]
+        fit = replace(fit, data=replace(fit.data, corrections=tuple(acting))).about_its_own
+    return _while_better(fit, lambda own: own.about_its_own, MODEL_OWN_POINTS)[0]
 
 
 def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> tuple[Fit, bool]:

@@ -23,6 +23,7 @@ from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.model import SavedModel
+from brv_hypo.model.term import BASELINE
 from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
@@ -194,6 +195,9 @@ class Step(NullIsNaN):
         return not math.isclose(self.error_ratio_held_out, self.error_after.held_out / self.error_before.held_out)
 
 
+GIVEN_MODEL = "the model given"  # the first of an account, where a trace did not start from nothing
+
+
 def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
     """The steps that added what the model still holds."""
     return tuple(
@@ -267,6 +271,12 @@ class Trace(HasCharts, Result):
     def added(self) -> tuple[str, ...]:
         """The effects that were added and stay, in order; once, though an effect was added in parts."""
         return names_added(self.steps)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The effects of the model that the trace started from."""
+        names = (term.mechanism for term in self.model.terms if term.mechanism not in (BASELINE, *self.added))
+        return tuple(dict.fromkeys(names)) if self.account and self.account[0].model == GIVEN_MODEL else ()
 
     @property
     def hints_in_words(self) -> str:

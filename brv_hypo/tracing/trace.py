@@ -39,6 +39,7 @@ from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered
 from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
+    GIVEN_MODEL,
     TRACED_SMALLEST,
     Account,
     Errors,
@@ -152,7 +153,7 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
     first, added = fits[0], [step.added for step in steps if step.added is not None]
     source, start, models = first.data.source, "constant", list[tuple[str, Fit]]()
     if source.config.start != "none" or source.config.aero is not None:
-        start = "the model given"
+        start = GIVEN_MODEL
     elif has_schedule(first.model):
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"

@@ -1,11 +1,12 @@
 """Pairs of sister vehicles: the model found on one, frozen, against the moments and samples of the other.
 
-By hand: python -m tests.studies.independent.sisters --seed 1000 --pairs 6 [--changed | --damped]
+By hand: python -m tests.studies.independent.sisters --seed 1000 --pairs 6 [--changed | --damped | --lagged]
 
 Pair k has seed SEED + k, and is of the vehicles in turn. Sisters share their aerodynamics; mass, inertia, trim,
 instruments, speed at entry and start differ. Trim and instruments of the second are fitted to it (`--refit`).
 `--changed`: the second's slope is another between two Mach numbers, 3 to 10 times what shows in its record (F of 25).
-`--damped`: the second's pitch damping is 3 % more.
+`--damped`: the second's pitch damping is 3 % more. `--lagged`: the same lag acts on both at the same times, and its
+size is fitted to the second too.
 """
 
 from __future__ import annotations
@@ -77,21 +78,23 @@ class Outcome:
         return max(min(high, highest) - max(low, lowest), 0.0) / (max(high, highest) - min(low, lowest))
 
 
-def fly(seed: int, vehicle: str, *, changed: bool = False, damped: bool = False) -> Outcome | str:
+def fly(seed: int, vehicle: str, *, changed: bool = False, damped: bool = False, lagged: bool = False) -> Outcome | str:
     """Trace one vehicle, predict its sister; the reason in words where none came of it."""
     craft = CRAFTS[vehicle]
     times = 0.0
     try:
-        first = make_flight(craft, seed=seed).flight
+        plain = make_flight(craft, "lag" if lagged else "none", seed=seed)
         other = sister(craft, seed)
         other = replace(other, damping=(1.0 + DAMPED * damped) * other.damping)
-        made = make_flight(other, seed=seed + SECOND)
+        made = make_flight(other, seed=seed + SECOND, planted=plain.true.planted)
         if changed:
             made, times = with_change(made)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = trace(first, TraceConfig(max_steps=2))
-    predicted = predict(made.flight, found.model.definition, REFIT)
+    found = trace(plain.flight, TraceConfig(max_steps=2))
+    if lagged and "lag" not in found.added:
+        return f"seed {seed}: lag not found (added {', '.join(found.added) or 'nothing'})"
+    predicted = predict(made.flight, found.model.definition, (*REFIT, "lag") if lagged else REFIT)
     error = predicted.error
     return Outcome(
         seed,
@@ -203,10 +206,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--changed", action="store_true", help="the second's slope is another between two Mach numbers")
     how.add_argument("--damped", action="store_true", help="the second's pitch damping is 3 % more")
+    how.add_argument("--lagged", action="store_true", help="the same lag acts on both, at the same times")
     given = parser.parse_args(arguments)
     names = sorted(CRAFTS)
     each = ((given.seed + k, names[k % len(names)]) for k in range(given.pairs))
-    runs = (delayed(fly)(*pair, changed=given.changed, damped=given.damped) for pair in each)
+    runs = (delayed(fly)(*pair, changed=given.changed, damped=given.damped, lagged=given.lagged) for pair in each)
     fly_and_report(runs, given.jobs, line, report)
 
 
