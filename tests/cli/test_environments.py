@@ -26,12 +26,11 @@ STREAMS = [
     *("mkdir gone; cd gone; rmdir ../gone; {}", "chmod 555 .; {}"),
 ]
 LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
-QUICKLY = {"env PYTHONIOENCODING=ascii {}"}
-THOROUGH = {STREAMS[1], "env PYTHONWARNINGS=error {}"}  # the slow tests have all others: each takes 6 s
+THOROUGH = {"env PYTHONIOENCODING=ascii {}", STREAMS[1]}  # the slow tests have all others: each takes 6 s
 
 
-def _when(line: str) -> pytest.MarkDecorator | tuple[()]:
-    return () if line in QUICKLY else pytest.mark.thorough if line in THOROUGH else pytest.mark.slow
+def _when(line: str) -> pytest.MarkDecorator:
+    return pytest.mark.thorough if line in THOROUGH else pytest.mark.slow
 
 
 @pytest.mark.parametrize("line", [pytest.param(line, marks=_when(line), id=line) for line in LINES])

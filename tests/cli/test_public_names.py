@@ -118,6 +118,7 @@ def test_errors_are_what_python_code_catches(flight_file, call, expected, code):
     assert caught.value.exit_code == code
 
 
+@pytest.mark.thorough
 def test_one_form_of_progress_serves_callables_rich_tqdm_and_the_log(simulated_file, caplog):
     calls, texts, rich = [], [], Progress(disable=True)
     tqdm = SimpleNamespace(total=None, n=0.0, set_description_str=texts.append)

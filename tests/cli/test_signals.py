@@ -65,7 +65,7 @@ def ended(process, number, everyone=False):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", CODES)
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("everyone", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, everyone):
     (tmp_path / "study.yaml").write_text(STUDY)
@@ -116,7 +116,8 @@ main.run()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", CODES)
 def test_what_swallows_the_signal_is_ended_after_the_grace(number):
     paths = os.pathsep.join(path for path in sys.path if path)
     process = subprocess.Popen(

@@ -34,7 +34,7 @@ def known(flights, settings, **_):
     return traced_trim()
 
 
-@pytest.fixture(scope="module", params=["known", pytest.param("found", marks=pytest.mark.thorough)])
+@pytest.fixture(scope="module", params=["known", pytest.param("found", marks=pytest.mark.slow)])
 def traced(request, brv_hypo, tmp_path_factory):
     """The trace of a flight with a planted trim: the finished command, its JSON and its report.
 

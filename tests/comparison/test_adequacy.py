@@ -31,6 +31,7 @@ def test_moments_of_other_shapes_and_one_that_turns_are_tried() -> None:
     assert "turning in the body at" in found["turning_moment"].words
 
 
+@pytest.mark.thorough
 def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
     judged = judged_cone("bodyfixed")
     for each in found_outside().values():
@@ -110,7 +111,7 @@ TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "mo
     [
         (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
         pytest.param(SQUARE, 0.1, ["lag"], "nonlinear side moment", marks=pytest.mark.slow),
-        (SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment"),
+        pytest.param(SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment", marks=pytest.mark.slow),
     ],
 )
 def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(

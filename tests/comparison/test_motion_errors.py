@@ -10,7 +10,7 @@ from tests.studies.independent.flights import make_flight
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("lacks", "most"), [("side_moment", 0.2), (None, 0.02)])
+@pytest.mark.parametrize(("lacks", "most"), [("side_moment", 0.2), pytest.param(None, 0.02, marks=pytest.mark.slow)])
 def test_alpha_is_known_as_well_as_stated(lacks: str | None, most: float) -> None:
     """A side moment moves the motion by 8 times what instruments alone allow; without it little is added to that."""
     made = make_flight("slender", "none", 1.0, 951015, "tactical", imperfect=() if lacks is None else (lacks,))

@@ -17,7 +17,7 @@ from tests.flights import flown
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("where", ["require_answerable", "reconstruct"])
+@pytest.mark.parametrize("where", ["require_answerable", pytest.param("reconstruct", marks=pytest.mark.slow)])
 def test_a_record_that_has_no_motion_without_its_errors_or_under_its_noise_is_compared_as_it_is(
     monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
@@ -40,7 +40,7 @@ def test_a_record_that_has_no_motion_without_its_errors_or_under_its_noise_is_co
 
 
 @pytest.mark.parametrize(
-    "planted", ["bodyfixed", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("damping", "sticking"))]
+    "planted", ["bodyfixed", *(pytest.param(name, marks=pytest.mark.slow) for name in ("damping", "sticking"))]
 )
 def test_the_noise_beside_a_large_mechanism_is_that_of_the_instruments(planted: str) -> None:
     """Beside a smooth moment alone it was 1.3 to 15 times as large, for that follows no jump."""

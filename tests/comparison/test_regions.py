@@ -65,6 +65,7 @@ def test_a_form_costs_what_it_has_beyond_one_region() -> None:
     assert likelier([costly, pair]) is pair
 
 
+@pytest.mark.thorough
 def test_a_delay_at_the_end_of_its_range_is_said_to_be_there() -> None:
     found = judged_cone("lag")
     fit = found.fits[found.leader]
@@ -79,7 +80,7 @@ def drawn(number: int) -> tuple[Made, Comparison]:
     return made, compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_mechanism_is_found_for_which_processes_had_made_up() -> None:
     """Beside damping as large as without it a lag was described 54 nats less likely, with pulses at its end."""
     made, found = drawn(967016)

@@ -102,7 +102,7 @@ def _numbers(row: RankedHypothesis) -> dict[str, float]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("alias", "apart"), [(NAMED, 0.0), (LATE, LAST_DIGIT)])
+@pytest.mark.parametrize(("alias", "apart"), [pytest.param(NAMED, 0.0, marks=pytest.mark.slow), (LATE, LAST_DIGIT)])
 def test_a_comparison_gives_the_same_numbers(alias: Alias, apart: float) -> None:
     one, other = compared(None), compared(alias)
     assert [row.mechanism for row in other.ranking] == [row.mechanism for row in one.ranking]

@@ -13,7 +13,7 @@ from brv_hypo.simulation import load_config
 from tests.chains import judged_cone
 from tests.flights import flown
 
-PLANTED = pytest.mark.parametrize("planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)])
+PLANTED = pytest.mark.parametrize("planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.slow)])
 
 
 @cache

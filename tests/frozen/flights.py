@@ -2,8 +2,8 @@
 
 Simulated flights are those of `configs/`, shortened and sampled at half the usual rate, with other seeds, planted
 mechanisms and grades of instruments. Measured ones are read from the folder `shared` beside the checkout.
-`DEFAULT` are the eight that the tests run, what takes long of them with the thorough ones; `python -m tests.frozen
---all` runs all.
+`DEFAULT` are the eight that the tests run, what takes long of them with the thorough or slow ones; `python -m
+tests.frozen --all` runs all.
 """
 
 from __future__ import annotations

@@ -13,18 +13,23 @@ DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
 
 
 LONG = {
-    *((name, "compare") for name in ("demo", "capsule_bodyfixed", "opportunity_late", "launch12_early")),
-    ("launch12_early", "reconstruct"),
+    *((name, "compare") for name in ("demo", "capsule_bodyfixed", "table_5")),
     ("cone_magnus", "trace"),
     ("cone_magnus_sister", "predict"),
-    *((name, command) for name in ("rocket_lag", "table_5") for command in ("inspect", "reconstruct", "compare")),
+    *((name, command) for name in ("rocket_lag", "table_5") for command in ("inspect", "reconstruct")),
 }
 """Results that take longer than others of their kind that are checked: these are, with the thorough tests."""
+SLOW = {
+    *((name, "compare") for name in ("rocket_lag", "cone_magnus", "opportunity_late", "launch12_early")),
+    ("launch12_early", "reconstruct"),
+}
+"""Those that take longest, with the slow tests."""
 
 
 def _marks(flight: Frozen, command: str) -> list[pytest.MarkDecorator]:
     shared = [pytest.mark.shared] if isinstance(flight, Measured) else []
-    return [*shared, pytest.mark.thorough] if (flight.name, command) in LONG else shared
+    own = (flight.name, command)
+    return [*shared, pytest.mark.slow] if own in SLOW else [*shared, pytest.mark.thorough] if own in LONG else shared
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from tests.studies.identification.study import errors, flights, regress, trial
 
 
+@pytest.mark.thorough
 def test_a_body_fixed_moment_comes_back_within_its_errors(bodyfixed):
     _, work, found = bodyfixed
     assert found.status == "converged"

@@ -28,6 +28,7 @@ def brought(folder: Path, read: dict[str, Any], **keys: Any) -> Imported:
     return bring_in(write_csv(folder / "a.csv", read), write_map(folder, content | keys))
 
 
+@pytest.mark.thorough
 def test_an_angle_from_the_vertical_gives_the_lean(tmp_path: Path) -> None:
     log = flown()
     up = log.forces[:, 0] / GRAVITY

@@ -99,6 +99,7 @@ def test_why_no_column_is_time_is_said_by_line_and_cause(tmp_path: Path) -> None
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.thorough
 @pytest.mark.parametrize("batch", [0, *(pytest.param(batch, marks=pytest.mark.slow) for batch in (1, 2))])
 def test_a_mutated_table_comes_in_or_is_refused(tmp_path: Path, batch: int) -> None:
     assert not [fault for seed in range(100) if (fault := fault_of(tmp_path, 1000 * batch + seed))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,9 +42,15 @@ def test_its_speed_agrees_with_the_altimeters_own(launch12: Imported) -> None:
     assert float(flight.mach[inside].max()) == pytest.approx(1.04, abs=0.05)
 
 
-@pytest.mark.slow
-def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported) -> None:
-    compared = compare([launch12.flight], CompareConfig(accept_record=True))
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param({"mechanisms": ("bodyfixed",), "maximum_likelihood": "none"}, marks=pytest.mark.thorough),
+        pytest.param({}, marks=pytest.mark.slow),
+    ],
+)
+def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported, settings: dict[str, Any]) -> None:
+    compared = compare([launch12.flight], CompareConfig(accept_record=True, **settings))
     verdict = compared.verdict
     assert verdict.winner is None
     assert verdict.outcome == "none adequate"

@@ -64,7 +64,7 @@ def test_what_is_no_rotation_is_refused(tmp_path: Path, rotation: Any) -> None:
         bring_in(tmp_path / "a.csv", write_map(tmp_path, log_map(flown()) | {"rotation": rotation}))
 
 
-@pytest.mark.parametrize("lean", [12.0, 30.0])
+@pytest.mark.parametrize("lean", [12.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_the_speed_of_a_leaning_climb_is_within_its_error(tmp_path: Path, lean: float) -> None:
     log = flown(lean)
     path = write_csv(tmp_path / "a.csv", log.read(np.random.default_rng(3)))

@@ -367,7 +367,7 @@ def test_stated_errors_and_amplitudes_have_their_coverage() -> None:
     check_coverage(40, 0.10)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stated_errors_and_amplitudes_have_their_coverage_in_many_draws() -> None:
     """1000 draws: three standard errors of a share of 0.95 are 0.021; amplitudes are fixed at their mode meanwhile."""
     check_coverage(1000, 0.025)

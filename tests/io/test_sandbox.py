@@ -38,7 +38,8 @@ def worker_that(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "how", [pytest.param(how, marks=pytest.mark.thorough if how == "works for ever" else ()) for how in CRASHES]
+    "how",
+    [pytest.param(how, marks=pytest.mark.thorough if how in ("hangs", "works for ever") else ()) for how in CRASHES],
 )
 def test_a_library_that_fails_is_a_refusal_and_the_next_file_is_read(tmp_path, worker_that, how, monkeypatch):
     path = write_raw(tmp_path / "flight.h5", motion())

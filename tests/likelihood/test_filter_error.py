@@ -97,7 +97,7 @@ def test_measurement_and_process_noise_are_separated_with_their_errors() -> None
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("times", [1e3, 1e-3])
+@pytest.mark.parametrize("times", [pytest.param(1e3, marks=pytest.mark.slow), 1e-3])
 def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> None:
     far = estimated(SHORT_RECORD, times)
     assert far.converged, far.message
@@ -166,6 +166,7 @@ def test_a_process_noise_that_goes_to_zero_is_a_stated_outcome() -> None:
     assert stated > 0
 
 
+@pytest.mark.thorough
 def test_only_what_is_undetermined_loses_its_error() -> None:
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([x[0] + theta["alpha_bias"] + theta["alpha_trim"], x[1] + theta["q_bias"]])
@@ -242,6 +243,7 @@ def test_nonlinear_motion_in_noise_converges(seed: int) -> None:
     assert all(abs(result.theta[k] - v) < 4 * result.std_error[k] for k, v in truth.items())
 
 
+@pytest.mark.thorough
 def test_errors_include_those_of_the_process_noise() -> None:
     """With one variance unknown: its error times what the parameters move as it does, by fits with it fixed."""
 

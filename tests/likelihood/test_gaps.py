@@ -17,7 +17,7 @@ START = {name: 0.7 * value for name, value in BODY.truth.items()}
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("thinned", [False, True])
 def test_a_gap_of_three_seconds_and_half_of_the_rest_missing(seed: int, thinned: bool) -> None:
     segment = BODY.simulate(250, seed)
@@ -61,7 +61,7 @@ def test_stretches_lie_between_long_gaps_only() -> None:
     assert [piece.t.size for piece in pieces_of([segment, gappy], between)] == [200, 60, 80]
 
 
-@pytest.mark.parametrize("process_noise", [None, pytest.param([0.01, 0.01], marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("process_noise", [None, pytest.param([0.01, 0.01], marks=pytest.mark.slow)])
 def test_an_output_without_samples_has_a_remark(process_noise: list[float] | None) -> None:
     problem = short_period()
     record = problem.simulate(200, seed=0)

@@ -54,6 +54,7 @@ def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency
     assert fine.mesh_shift < 0.01 * coarse.mesh_shift
 
 
+@pytest.mark.thorough
 def test_process_noise_between_samples_is_no_error_of_the_mesh() -> None:
     problem = replace(short_period(), process_noise=np.array([0.005, 0.03]), hold="linear")
     segment = problem.simulate(1000, seed=1)
@@ -125,6 +126,7 @@ def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
     assert all(np.isnan(error) for error in result.std_error.values())
 
 
+@pytest.mark.thorough
 def test_what_that_status_advises_solves_them() -> None:
     """The fastest state follows at once: one state, and all three outputs."""
     segment = robertson(np.append(0.0, np.geomspace(0.4, 4e6, 60)))

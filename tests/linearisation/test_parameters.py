@@ -125,7 +125,7 @@ def numbers(fit: HypothesisFit) -> list[float]:
 @settings(max_examples=settings().max_examples // 7)  # a fit each
 @given(data=st.data())
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in MECHANISMS]
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in MECHANISMS]
 )
 def test_names_and_units_of_parameters_change_no_number(name: str, data: st.DataObject) -> None:
     mechanism = MECHANISMS[name]

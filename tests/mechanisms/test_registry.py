@@ -79,7 +79,7 @@ def test_an_incomplete_hypothesis_is_refused(text):
         parse_hypothesis(text)
 
 
-@pytest.mark.thorough  # the linter of imports says so of all that are written out
+@pytest.mark.slow  # the linter of imports says so of all that are written out
 def test_the_engine_does_not_import_the_plugins():
     code = "import sys, brv_hypo.mechanisms; sys.exit('brv_hypo_mechanisms' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

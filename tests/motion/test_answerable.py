@@ -25,6 +25,7 @@ def test_records_without_an_answer_are_refused_with_a_remedy(factors: dict[str, 
         reconstruct(replace(flight, **changed))
 
 
+@pytest.mark.thorough
 def test_a_quiet_flight_is_not_refused() -> None:
     """A hundredth of a degree a second is motion all the same."""
     flight = nominal().flight

@@ -64,7 +64,7 @@ def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> Non
         assert rms(each.motion.alpha - found[0].motion.alpha) < 0.2 * rms(found[0].alpha_sigma)
 
 
-@pytest.mark.parametrize("vehicle", ["blunt_capsule", "research_cone"])
+@pytest.mark.parametrize("vehicle", [pytest.param("blunt_capsule", marks=pytest.mark.thorough), "research_cone"])
 def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(vehicle: str) -> None:
     """Forces hardly show gravity along the path: it was estimated at zero, and sideways at any size."""
     flown = simulate(load_config(vehicle), seed=70001).flight
@@ -86,7 +86,7 @@ def test_errors_of_a_measured_entry_do_not_change_its_gravity(start: float) -> N
     assert rms(np.array(series.alpha_rad) - reconstruct(flight).motion.alpha) < np.radians(1.5)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_alpha_errs_as_stated_where_the_air_moves_as_no_tolerance_says() -> None:
     """Gusts, shear and all other imperfections at half of their ordinary size: errors were 4 to 8 of their sigmas."""
     ratios = []

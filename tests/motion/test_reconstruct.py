@@ -79,7 +79,7 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
         pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
         pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
         pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
-        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz", marks=pytest.mark.thorough),
+        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz", marks=pytest.mark.slow),
         pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars", marks=pytest.mark.slow),
         pytest.param(replace(CONE, planet="unheard of"), id="unknown planet", marks=pytest.mark.slow),
     ],
@@ -150,8 +150,7 @@ def test_a_normal_force_of_nothing_is_replaced_by_the_static_moment() -> None:
 
 @pytest.mark.parametrize("method", ["velocity", "rates"])
 @pytest.mark.parametrize(
-    "name",
-    ["cone", pytest.param("capsule", marks=pytest.mark.thorough), pytest.param("slender", marks=pytest.mark.slow)],
+    "name", ["cone", *(pytest.param(name, marks=pytest.mark.slow) for name in ("capsule", "slender"))]
 )
 def test_untied_methods_are_near_and_state_their_error(truths: dict[str, Truth], name: str, method: str) -> None:
     found = score(truths[name], range(3), ReconstructionConfig(method=method))
@@ -214,7 +213,7 @@ def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> 
 
 
 @pytest.mark.parametrize(
-    "samples", [50, *(pytest.param(samples, marks=pytest.mark.thorough) for samples in (200, 600))]
+    "samples", [50, pytest.param(200, marks=pytest.mark.thorough), pytest.param(600, marks=pytest.mark.slow)]
 )
 def test_a_record_without_noise_has_a_motion(samples: int) -> None:
     flight = sample_flight()
@@ -230,6 +229,7 @@ def test_too_short_a_window_is_refused(truths: dict[str, Truth]) -> None:
         reconstruct(flight.window(flight.time[0], flight.time[9]))
 
 
+@pytest.mark.thorough
 @pytest.mark.shared
 def test_opportunity_oscillates_more_and_more_as_it_slows_down() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), instruments="opportunity")

@@ -115,6 +115,7 @@ def test_wind_along_the_path_raises_no_alarm(flights, name, turns, phase):
     assert try_record(replace(flight, velocity=flight.velocity + wind))[1].sound
 
 
+@pytest.mark.thorough
 def test_a_body_that_tumbles_breaks_no_relation_of_small_angles():
     """Drag grew 16-fold as it turned; "the sign of az", or feet, seemed to explain the rest."""
     tumbling = drawn_flight(906023, 23, "tactical", "one")[0].flight
@@ -128,6 +129,7 @@ def test_a_spin_that_goes_with_the_crossflow_turns_no_unit():
     assert try_record(draw_flight(1700, vehicle="biconic", truth="none", grade="industrial").flight)[1].faults == ()
 
 
+@pytest.mark.thorough
 def test_isolated_spikes_never_decide(flights):
     rng, flight = np.random.default_rng(5), flights["cone"]
     wrong = {name: getattr(flight, name).copy() for name in ("p", "q", "r", "ax", "ay", "az")}

@@ -181,6 +181,7 @@ def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
     assert (at_home.own_record, elsewhere.own_record) == (True, False)
 
 
+@pytest.mark.thorough
 def test_what_is_refitted_elsewhere_keeps_its_times_and_this_is_said(record: Flight, elsewhere: Prediction) -> None:
     found = predict(record, with_a_jump(traced_trim(), "another.h5"), "bodyfixed")
     assert {term.mechanism for term in found.refitted} == {"bodyfixed"}
@@ -231,6 +232,7 @@ def test_a_trace_estimates_its_models_error(record: Flight) -> None:
     assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise)
 
 
+@pytest.mark.thorough
 def test_another_record_under_the_same_name_is_another_flight(record: Flight, tmp_path: Path) -> None:
     """Also one of the same times: a path says where a record is, not which."""
     other = replace(record, q=1.01 * record.q)

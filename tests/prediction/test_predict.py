@@ -37,6 +37,8 @@ SISTERS_TRIM = (-TRIM[0], TRIM[1])
 # A change of the sister's slope of 1/rad, and when.
 CHANGE, CHANGED_S = 0.002, (2.0, 3.5)
 WITH_MAGNUS: dict[str, Any] = {"seed": 4101, "plant": ("magnus",), "instruments": {"draw": 1.0}}
+SECONDS = (3.0, pytest.param(6.0, marks=pytest.mark.slow))
+"""Of the flight that a model is found on: half of the usual is enough."""
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +82,7 @@ def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) 
     assert "differs" not in predicted.reason
 
 
+@pytest.mark.thorough
 def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced: Trace, predicted: Prediction) -> None:
     config = another_flight(trimmed_cone(SISTERS_TRIM), 4)
     own = config.aerodynamics
@@ -94,6 +97,7 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
     assert "contradicts" not in predicted.reason
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("by", "named"),
     [
@@ -161,6 +165,7 @@ def test_pressure_and_inertia_of_two_flights_contradict_no_model() -> None:
     assert other.local_change is None  # what differs throughout differs at no place
 
 
+@pytest.mark.thorough
 def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
     change = changed.local_change
     assert change is not None
@@ -172,6 +177,7 @@ def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) 
     assert f"Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}" in changed.reason
 
 
+@pytest.mark.thorough
 def test_the_change_is_on_the_page_and_survives_its_json(changed: Prediction) -> None:
     document = prediction_document(changed)
     tables = [block for block in document.blocks if isinstance(block, Table)]
@@ -194,10 +200,11 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
 
 
 @pytest.mark.thorough
-def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> None:
+@pytest.mark.parametrize("seconds", SECONDS)
+def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it(seconds: float) -> None:
     """With coefficients from beside them and without them, its residual was 400 times that of one fitted here."""
-    flight = simulate("research_cone", **WITH_MAGNUS).flight
-    content = magnus_found().model.definition
+    flight = simulate("research_cone", duration=seconds, **WITH_MAGNUS).flight
+    content = magnus_found(seconds).model.definition
     found, without = (predict(flight, each) for each in (content, content.model_copy(update={"errors": ()})))
     assert found.error.frozen < 1.02 * found.error.own
     assert without.error.frozen > 2.0 * found.error.frozen
@@ -205,8 +212,11 @@ def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it() -> 
     assert "--refit" not in found.reason
 
 
-def test_on_a_record_of_several_the_model_is_that_of_this_flight() -> None:
-    flights = [simulate(trimmed_cone((1e-3, trim)), seed=k).flight for k, trim in enumerate((-5e-4, 8e-4))]
+@pytest.mark.thorough
+@pytest.mark.parametrize("seconds", SECONDS)
+def test_on_a_record_of_several_the_model_is_that_of_this_flight(seconds: float) -> None:
+    whole = [simulate(trimmed_cone((1e-3, trim)), seed=k).flight for k, trim in enumerate((-5e-4, 8e-4))]
+    flights = [flight.window(None, seconds) for flight in whole]
     content = trace(flights, TraceConfig(effects=("trim",), discover=False, max_steps=1)).model.definition
     for flight, trim in zip(flights, (-5e-4, 8e-4), strict=True):
         found = predict(flight, content)
@@ -215,6 +225,7 @@ def test_on_a_record_of_several_the_model_is_that_of_this_flight() -> None:
         assert {t.name: t.value for t in found.frozen}["C_n0"] == pytest.approx(trim, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, sister: Flight) -> None:
     """Beside it, its coefficient and the bend's would each be any half of their sum."""
     found = predict(sister, traced.model.definition, ("trim", "cubic_stiffness"))
@@ -246,6 +257,7 @@ def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> 
     assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
 
 
+@pytest.mark.thorough
 def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_text(traced.model_dump_json(by_alias=True), encoding="utf-8")
@@ -305,9 +317,16 @@ def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: F
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("seed", "unchanged"), [(4104, True), (5103, True), (5103, False), pytest.param(5104, True, marks=pytest.mark.slow)]
+    ("seconds", "seed", "unchanged"),
+    [
+        (SECONDS[0], 4104, True),
+        *(
+            pytest.param(6.0, *each, marks=pytest.mark.slow)
+            for each in ((4104, True), (5103, True), (5103, False), (5104, True))
+        ),
+    ],
 )
-def test_what_was_refitted_as_advised_contradicts_nothing_else(seed: int, unchanged: bool) -> None:
+def test_what_was_refitted_as_advised_contradicts_nothing_else(seconds: float, seed: int, unchanged: bool) -> None:
     """Beside a coefficient that is exact, and 1 % off by inertia, errors of the record were 15 tolerances, and another
     coefficient seemed to differ.
     """
@@ -316,15 +335,15 @@ def test_what_was_refitted_as_advised_contradicts_nothing_else(seed: int, unchan
     other = {"mechanism": "magnus", "terms": {"C_npalpha": size}}
     setup = {"base": "research_cone", "start": start, "aerodynamics": {"C_malpha": -0.1015}, "mechanisms": [other]}
     flight = simulate(load_config(setup | {"instruments": {"draw": 1.0}}), seed=seed).flight
-    found = predict(flight, magnus_found().model.definition, ("C_malpha", "instruments"))
+    found = predict(flight, magnus_found(seconds).model.definition, ("C_malpha", "instruments"))
     assert found.refused is not unchanged
     assert found.explained > 0.98
 
 
 @cache
-def magnus_found() -> Trace:
+def magnus_found(seconds: float) -> Trace:
     """The trace of a flight with magnus, errors of its instruments drawn."""
-    flight = simulate("research_cone", **WITH_MAGNUS).flight
+    flight = simulate("research_cone", duration=seconds, **WITH_MAGNUS).flight
     return trace(flight, effects=["magnus"], discover=False)
 
 
@@ -409,6 +428,7 @@ def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flig
     assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]
 
 
+@pytest.mark.thorough
 def test_the_model_may_be_what_trace_returned_or_its_part_and_what_is_refitted_one_text(
     traced: Trace, sister: Flight, predicted: Prediction
 ) -> None:

@@ -130,7 +130,7 @@ def report(extra: str = "") -> str:
     return page(document).replace("</body>", f"{extra}</body>")
 
 
-@pytest.mark.parametrize("width", [800, pytest.param(1600, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("width", [800, pytest.param(1600, marks=pytest.mark.slow)])
 def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
     root = shown(report(), width)
     assert 'data-drawn="3"' in root
@@ -157,8 +157,15 @@ def pages() -> dict[str, str]:
     return {**drawn, "study": page(study_document(studied))}
 
 
-@pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
-@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
+@pytest.mark.parametrize(
+    ("name", "width", "scheme"),
+    [
+        *(pytest.param(name, 1600, "dark", marks=pytest.mark.slow) for name in ("compare", "trace", "reconstruct")),
+        *(pytest.param(name, 800, "light", marks=pytest.mark.slow) for name in ("predict", "study")),
+        *((name, 1600, "dark") for name in ("predict", "study")),
+        *((name, 800, "light") for name in ("compare", "trace", "reconstruct")),
+    ],
+)
 def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages, name, width, scheme) -> None:
     """Every chart, without an error, in the scheme's colours, and no wider than the window."""
     html = pages[name]

@@ -23,7 +23,7 @@ list(spread(time.sleep, [0.5] * 100, jobs=2))
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("after", [0.2, 0.6])
+@pytest.mark.parametrize("after", [0.2, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_workers_end_with_a_parent_that_is_killed_before_it_gave_them_anything_to_do(after: float):
     code = KILLED_EARLY.format(paths=sys.path, after=after)
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL, start_new_session=True)

@@ -232,6 +232,7 @@ def test_what_has_no_tolerance_is_said_to_lower_the_error() -> None:
     assert document.conclusion.splitlines()[0] == f"With trim, the held-out error is {remaining} of what it is without."
 
 
+@pytest.mark.thorough
 def test_a_trim_beyond_its_tolerance_is_found_where_the_rest_is_noise() -> None:
     """Processes without evidence explain some of the noise: once "the model is inadequate"."""
     result = trace(simulate(trimmed_cone((-3e-4, 2.5e-4)), seed=3), ONE_EFFECT)

@@ -45,14 +45,14 @@ def test_the_law_holds(law, data):
     assert apart.within(allowed), apart
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_knot_where_flights_have_ended_is_not_chosen_for_rounding():
     """In one order of these flights rounding was a column, and a better one than any other: 2.3 of 2 ln L."""
     nothing_planted = Case(531, 0.05257302884490797, -0.8541860141137723, 6.471303006054866, "none", "bodyfixed")
     assert reordered(nothing_planted, (1, 0, 2)).within(SUMMED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_nor_where_one_flight_has_ended():
     """With another origin of time the step took that column up no longer: 26 of 2 ln L."""
     case = Case(10_000, 0.03, 0.0, 7.903566449424679, "damping", "damping")
@@ -60,7 +60,7 @@ def test_nor_where_one_flight_has_ended():
     assert distance(original(case), after, Change(shift=1.0)).within(SUMMED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_chance_of_something_else_is_the_same_in_rolled_axes():
     """Moments fixed in the body were tried along one axis at a time: the chance was 0.0012 to 0.0027 by the axes."""
     nothing_planted = Case(261, 0.05, 0.0, 6.0, "none", "damping")

@@ -14,6 +14,7 @@ from tests.studies.independent.study import MIXED, Outcome, fly
 from tests.studies.independent.vehicles import CAPSULE
 
 
+@pytest.mark.thorough
 def test_accelerometers_that_turn_about_the_axis_do_not_correct_speed() -> None:
     """Half a metre off the axis of a body that spins at 20 rad/s they sense 200 m/s^2 that are no drag."""
     vehicle = replace(CAPSULE.vehicle, accelerometer_position=(0.0, 0.5, 0.0))

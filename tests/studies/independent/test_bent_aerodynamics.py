@@ -27,7 +27,7 @@ BENT = replace(CAPSULE, alpha=np.radians(8.0), static_bend=0.3, normal_bend=0.4,
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("truth", "named"),
-    [("none", None), pytest.param("bodyfixed", "bodyfixed", marks=pytest.mark.slow), ("damping", "damping")],
+    [("none", None), *(pytest.param(each, each, marks=pytest.mark.slow) for each in ("bodyfixed", "damping"))],
 )
 def test_a_bent_vehicle_is_judged_as_a_straight_one(truth: str, named: str | None) -> None:
     """Without the bends every one of these was "none adequate"."""
@@ -67,7 +67,7 @@ def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("truth", ["lag", "sticking"])
+@pytest.mark.parametrize("truth", ["lag", pytest.param("sticking", marks=pytest.mark.slow)])
 def test_what_is_late_of_a_bent_moment_is_bent_too(truth: str, seed: int) -> None:
     """As the lag of a straight moment its residual was larger than the noise."""
     made = make_flight(BENT, truth, amplitude=0.5, seed=seed)
@@ -117,6 +117,7 @@ def test_an_axial_force_that_does_not_change_is_constant() -> None:
     assert reconstruct(make_flight("biconic", seed=7, grade="industrial").flight).motion.axial_share is None
 
 
+@pytest.mark.thorough
 def test_the_axial_force_is_found_to_go_with_alpha() -> None:
     """It turns the vehicle about a c.g. off the axis: a moment as large as those that are to be found."""
     bend = -0.05

@@ -29,7 +29,7 @@ def test_the_ends_of_a_record_do_not_shift_the_clock(seed: int, truth: str) -> N
 
 
 @pytest.mark.parametrize(
-    "seed", [160000, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (160003, 160010, 160022))]
+    "seed", [160000, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (160003, 160010, 160022))]
 )
 def test_errors_of_angles_include_that_of_the_gyros_clock(seed: int) -> None:
     """Motion is on the gyros' clock: its true time is uncertain by the tolerance."""

@@ -154,6 +154,7 @@ def test_tilted_axis_of_inertia_couples_roll_into_the_transverse_rates() -> None
     np.testing.assert_allclose(change[1:], expected, rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_a_short_delay_is_interpolated_within_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     start = draw_start(SLENDER, np.random.default_rng(6))
     craft = replace(SLENDER, duration=1.6)

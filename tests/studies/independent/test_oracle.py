@@ -17,7 +17,7 @@ def _misfit(made: Made, ground: Ground, planted: float) -> float:
     return float(np.sum(residual**2)) / (2.0 * flight.samples)
 
 
-@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (2, 4, 7, 18))])
+@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 4, 7, 18))])
 def test_columns_account_for_the_record(seed: int) -> None:
     made = draw_flight(seed)
     ground = Ground(made)
@@ -45,7 +45,7 @@ def test_worse_gyros_hide_more() -> None:
 
 @pytest.mark.parametrize(
     "truth",
-    ["bodyfixed", *(pytest.param(t, marks=pytest.mark.thorough) for t in ("damping", "inplane", "lag", "sticking"))],
+    ["bodyfixed", *(pytest.param(t, marks=pytest.mark.slow) for t in ("damping", "inplane", "lag", "sticking"))],
 )
 def test_mechanism_reproduces_itself_better_than_rivals_do(truth: str) -> None:
     made = make_flight("slender", truth, 0.05, seed=8)
