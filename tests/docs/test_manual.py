@@ -78,7 +78,13 @@ def shown_in_the_readme() -> list[list[str]]:
     return [shlex.split(command)[1:] for command in listed]
 
 
-@pytest.mark.thorough
+def test_the_commands_of_the_readme_can_be_read(brv_hypo):
+    for arguments in shown_in_the_readme():
+        done = brv_hypo(*(word for word in arguments if not word.startswith("[")), "--help")
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
 def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
     """On the table that the manual makes, with its map; NAME is a name, and what is in brackets may be left out.
 

@@ -12,7 +12,7 @@ from tests.docs.gallery import BOOKS as GALLERY
 from tests.docs.gallery import executed
 
 BOOKS = {name: json.loads(content)["cells"] for name, content in notebooks().items()}
-QUICK = ("kernels_alone.ipynb", "rocket_log.ipynb")
+QUICK = ("kernels_alone.ipynb",)
 """Executed with the thorough tests; the others, up to twenty seconds each, with the slow ones."""
 
 

@@ -18,7 +18,7 @@ START = {name: 0.7 * value for name, value in BODY.truth.items()}
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("thinned", [False, True])
+@pytest.mark.parametrize("thinned", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_gap_of_three_seconds_and_half_of_the_rest_missing(seed: int, thinned: bool) -> None:
     segment = BODY.simulate(250, seed)
     rng = np.random.default_rng(seed)

@@ -102,8 +102,8 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
     ("by", "named"),
     [
         ({"C_malpha": -0.0045, "C_m0": 2e-4}, {"C_malpha", "C_m0"}),
-        ({"C_malpha": -0.0045, "C_mq": -0.2}, {"C_malpha", "C_mq"}),
-        ({"C_malpha3": -3.0}, {"C_malpha3"}),
+        pytest.param({"C_malpha": -0.0045, "C_mq": -0.2}, {"C_malpha", "C_mq"}, marks=pytest.mark.slow),
+        pytest.param({"C_malpha3": -3.0}, {"C_malpha3"}, marks=pytest.mark.slow),
     ],
 )
 def test_coefficients_that_differ_together_are_named_together(

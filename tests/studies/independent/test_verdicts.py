@@ -171,6 +171,7 @@ def test_beside_such_a_bend_the_baseline_remains_in_the_credible_set() -> None:
     assert "none" in said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).equivalent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "truth", "grade"),
     [
