@@ -57,7 +57,9 @@ TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere
 
 
 DEGREES = 180.0 / np.pi  # deg in a rad
+RPM = 6.0  # deg/s in a revolution per minute
 KNOT = 1852.0 / 3600.0  # m/s in a knot (international, 1929)
+PSI_IN_KPA = 144.0 * plausibility.PSF / 1e3  # kPa in a lbf/in^2
 
 _INSTRUMENTS: dict[str, tuple[str, ...]] = {
     "gyros": GYROS,
@@ -65,15 +67,19 @@ _INSTRUMENTS: dict[str, tuple[str, ...]] = {
     "air data": ("velocity", "dynamic_pressure", "altitude"),
 }
 _TRIADS = ("gyros", "accelerometers")
+_OF_RATES = (("p",), ("q",), ("r",), GYROS)
 _OF_FORCES = (("ax",), ("ay",), ("az",), ACCELEROMETERS)
 # Which channels of an instrument may be in another unit, the factor, and the mistake either way.
 _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
-    ("gyros", (("p",), ("q",), ("r",), GYROS), DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("gyros", _OF_RATES, DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("gyros", _OF_RATES, RPM, "rpm tagged deg/s", "deg/s tagged rpm"),
+    ("gyros", _OF_RATES, DEGREES / RPM, "rad/s tagged rpm", "rpm tagged rad/s"),
     ("accelerometers", _OF_FORCES, plausibility.GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
     ("accelerometers", _OF_FORCES, 1.0 / plausibility.FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
     ("air data", (("velocity",),), 1.0 / plausibility.FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
     ("air data", (("velocity",),), 1.0 / KNOT, "m/s tagged knots", "knots tagged m/s"),
     ("air data", (("dynamic_pressure",),), plausibility.PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    ("air data", (("dynamic_pressure",),), PSI_IN_KPA, "lbf/in^2 tagged kPa", "kPa tagged lbf/in^2"),
     ("air data", (("altitude",),), 1.0 / plausibility.FEET, "m tagged ft", "ft tagged m"),
     ("air data", (("velocity", "altitude"),), 1.0 / plausibility.FEET, "metres tagged feet", "feet tagged metres"),
 )
@@ -381,28 +387,36 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         inside, columns = masked.measured(), masked.columns()
         known = {name: np.where(inside, values, np.nan) for name, values in columns.items() if name != "time"}
         physics = plausibility.contradictions(masked.time, known, masked.vehicle, masked.planet == "earth")
-        rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-        air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
         tolerance = max(*masked.instruments.gyro_misalignment, *masked.instruments.accel_misalignment)
-        nose = plausibility.nose_axis(masked.time, rates, forces, air)
-        turned = plausibility.mounting_fault(masked.time, nose, tolerance)  # axes of the unit are not the vehicle's
-        found = (*faults, *physics, *(turned or _contradictions(averaged(masked))))
+
+        def turned(mistake: Correction) -> tuple[RecordFault, ...]:
+            """Whether the axes of the unit are not the vehicle's, a mistake corrected."""
+            read = {each: np.stack([known[name] for name in _INSTRUMENTS[each]]) for each in _TRIADS}
+            rates, forces = (mistake.factors.get(each, np.eye(3)) @ values for each, values in read.items())
+            air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+            nose = plausibility.nose_axis(masked.time, rates, forces, air)
+            return plausibility.mounting_fault(masked.time, nose, tolerance)
+
+        mounting, (mistake, contradictions) = turned(AS_IT_IS), _contradictions(averaged(masked))
+        # Units that alone make the mounting right are the simpler mistake; their effects come after it.
+        restores = mistake.fault == "units" and not (mounting and turned(mistake))
+        found = (*faults, *contradictions, *physics) if restores else (*faults, *physics, *(mounting or contradictions))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
 
-def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
+def _contradictions(flight: Flight) -> tuple[Correction, tuple[RecordFault, ...]]:
     """The mistake whose correction restores the record best; and whether the gyros contradict it even so. Of a body
     that tumbles the relations show nothing: only what ends that is a mistake.
     """
     if not _long_segments(flight):
-        return ()
+        return AS_IT_IS, ()
     readings = Readings.of(flight)
     as_read = compatibility_of(flight, readings, AS_IT_IS)
     broken = _broken(as_read)
     if not broken:
-        return ()
-    found, tumbling = [], tumbles(flight, readings)
+        return AS_IT_IS, ()
+    found, tumbling, best = [], tumbles(flight, readings), AS_IT_IS
     strained = broken == ["path, strained"]
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
     unread = "altitude" in readings.derived or not readings.has_altitude
@@ -425,7 +439,7 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if "path" in broken and not tumbling and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(RecordFault.over(flight.time, "p, q, r, ay, az", "axes", words, decisive=True))
-    return tuple(found)
+    return best, tuple(found)
 
 
 def _broken(found: Compatibility) -> Sequence[str]:

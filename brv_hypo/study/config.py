@@ -26,7 +26,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Rec
 from brv_hypo.io.files import config_path
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
-from brv_hypo.motion.compatibility import DEGREES
+from brv_hypo.motion.compatibility import DEGREES, RPM
 from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig
@@ -62,6 +62,7 @@ def planted_faults() -> Mapping[str, PlantedFault]:
     found += [PlantedFault(f"{' and '.join(pair)} exchanged", pair, "axes", _swapped(*pair)) for pair in pairs]
     for names, factor, large, small in (
         (GYROS, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
+        (GYROS, 1.0 / RPM, "rpm tagged deg/s", "deg/s tagged rpm"),
         (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
     ):
         for chosen in (*((name,) for name in names), names):

@@ -18,7 +18,7 @@ from tests.shared_data import shared_file
 from tests.studies.independent.flights import draw_flight
 from tests.studies.independent.imperfect_study import drawn_flight
 
-DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
+DEGREES, GRAVITY, FEET, RPM, PSI_IN_KPA = 180.0 / np.pi, 9.80665, 0.3048, 6.0, 6.894757
 THOROUGH = pytest.mark.thorough
 TACTICAL = {"gyro_bias": (3.5e-4, -3.5e-4, 3.5e-4), "accel_bias": (0.01, 0.01, -0.01)}
 
@@ -60,6 +60,11 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
         pytest.param(lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units", marks=THOROUGH),
         pytest.param(lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH),
         (lambda f: scaled(f, GRAVITY, "ay"), "ay", "units"),
+        (lambda f: scaled(f, 1.0 / RPM, "q"), "q", "units"),
+        pytest.param(lambda f: scaled(f, RPM, "p", "q", "r"), "p, q, r", "units", marks=THOROUGH),
+        pytest.param(
+            lambda f: scaled(f, 1.0 / PSI_IN_KPA, "dynamic_pressure"), "dynamic_pressure", "units", marks=THOROUGH
+        ),
         pytest.param(lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units", marks=THOROUGH),
     ],
 )
@@ -94,6 +99,13 @@ def test_a_drag_of_no_body_names_the_units_of_pressure_that_would_make_it_usual(
     said = [one.action for one in try_record(wrong)[1].faults if one.channel == "ax, dynamic_pressure"]
     assert len(said) == 1
     assert "it is usual if the pressure is in lbf/ft^2, tagged Pa" in said[0]
+
+
+def test_forces_in_other_units_turn_no_unit():
+    """In g, tagged m/s^2, what the lever arm makes of the rates leaned the nose by four degrees."""
+    flight = drawn_flight(1092000, 0, "tactical", "one")[0].flight
+    faults = try_record(scaled(flight, GRAVITY, "ax", "ay", "az"))[1].faults
+    assert [(one.channel, one.fault) for one in faults] == [("ax, ay, az", "units")]
 
 
 def test_a_speed_that_its_mach_number_contradicts_is_named(flights):
