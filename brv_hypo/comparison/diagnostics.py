@@ -37,6 +37,7 @@ from brv_hypo.subset.criteria import Criteria
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 _AT_BOUND = 0.01  # of a range: a value so near its end lies there
+_DETERMINED = 0.05  # share of an error's precision that is the data's: with less they hardly give a value
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 
@@ -124,8 +125,12 @@ def with_errors_of_processes(found: Identification, fit: HypothesisFit, own: Evi
 
 
 def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]:
-    """Errors within stated tolerances, the largest in tolerances first; `weight`: what a nat counts."""
+    """Errors within stated tolerances, the least probable first; `weight`: what a nat counts. By the data
+    alone one is its value over the share of its precision that is theirs.
+    """
     items, values = own.rows.problem.rows.nuisances.items, own.errors.tolist()
+    of_data = np.maximum(1.0 - (own.error_sigmas / own.noise) ** 2, 0.0)
+    of_data[of_data < _DETERMINED] = np.nan
     sigmas = np.minimum(own.error_sigmas / np.sqrt(weight), 1.0).tolist()
     several = len(own.rows.blocks) > 1
     found = [
@@ -135,12 +140,13 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
             std_error=items[k].size * sigmas[k],
             units=items[k].units,
             tolerance=items[k].size,
+            without_tolerance=items[k].whole(values[k]) / float(of_data[k]),
         )
         for flight, block in enumerate(own.rows.blocks)
         for k in block.items
         if items[k].stated
     ]
-    return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
+    return tuple(sorted(found, key=lambda each: -each.sigmas))
 
 
 def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -18,6 +19,7 @@ from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL, NORMAL
 
 DAMPING = "C_damping"  # negative: it takes energy out of the motion
 BEYOND_NAMED = 3  # of what is beyond its tolerance
+_FAR_MORE = 1.5  # times an error that its tolerance draws to nothing: the data alone give far more
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote the other tables, which are fitted with processes"
@@ -277,6 +279,7 @@ class RecordError(NullIsNaN):
     std_error: float
     units: str
     tolerance: float
+    without_tolerance: float = Field(default=np.nan, description="value by the data alone; null where they give none")
 
     @property
     def tolerances(self) -> float:
@@ -284,20 +287,35 @@ class RecordError(NullIsNaN):
         return self.value / self.tolerance
 
     @property
+    def sigmas(self) -> float:
+        """Its value over the standard deviation of fitted values where the tolerance is right: what the data hardly
+        determine is fitted near nothing, however large it is.
+        """
+        alone = self.value if np.isnan(self.without_tolerance) else self.without_tolerance
+        return math.sqrt(max(self.value * alone, 0.0)) / self.tolerance
+
+    @property
     def stated(self) -> str:
         """Its value with units, in words."""
         return f"{number(self.value)}{'' if self.units == '1' else f' {self.units}'}"
 
+    @property
+    def in_tolerances(self) -> str:
+        """Its value in tolerances, and by the data alone where that is far more, in words."""
+        alone = self.without_tolerance
+        by_data = f"; {number(alone)} by the data alone" if abs(alone) > _FAR_MORE * abs(self.value) else ""
+        return f"{abs(self.tolerances):.1f} times its tolerance{by_data}"
+
 
 def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
     """Those of all a result's errors that exceed what the largest of so many may be."""
-    return [each for each in errors if abs(each.tolerances) > beyond_level(len(errors))]
+    return [each for each in errors if each.sigmas > beyond_level(len(errors))]
 
 
 def beyond_text(errors: Sequence[RecordError], model: str, outcome: str = "") -> str:
     """The largest of those beside a `model` in a sentence, and what they may be where none is adequate; else empty."""
     poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
-    said = [f"{each.name} {each.stated} ({abs(each.tolerances):.1f} times)" for each in beyond_tolerances(errors)]
+    said = [f"{each.name} {each.stated} ({each.in_tolerances})" for each in beyond_tolerances(errors)]
     beside = f"Beside {hypothesis(model)} and processes, errors are"
     return _listed(f"{beside} beyond their tolerances (--instruments){poses}", said)
 
@@ -317,9 +335,12 @@ def _listed(what: str, said: Sequence[str]) -> str:
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
-    if not (errors and abs(errors[0].tolerances) > FAR_TOLERANCES):
-        return ""
-    return f"{errors[0].name} is {errors[0].stated}, {abs(errors[0].tolerances):.1f} times its tolerance"
+    first = max(errors, key=lambda each: abs(each.tolerances), default=None)
+    return (
+        ""
+        if first is None or abs(first.tolerances) < FAR_TOLERANCES
+        else f"{first.name} is {first.stated}, {first.in_tolerances}"
+    )
 
 
 class SizedModel(NullIsNaN):

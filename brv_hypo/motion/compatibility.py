@@ -388,19 +388,19 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         known = {name: np.where(inside, values, np.nan) for name, values in columns.items() if name != "time"}
         physics = plausibility.contradictions(masked.time, known, masked.vehicle, masked.planet == "earth")
         tolerance = max(*masked.instruments.gyro_misalignment, *masked.instruments.accel_misalignment)
-
-        def turned(mistake: Correction) -> tuple[RecordFault, ...]:
-            """Whether the axes of the unit are not the vehicle's, a mistake corrected."""
-            read = {each: np.stack([known[name] for name in _INSTRUMENTS[each]]) for each in _TRIADS}
-            rates, forces = (mistake.factors.get(each, np.eye(3)) @ values for each, values in read.items())
-            air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+        read = {each: np.stack([known[name] for name in _INSTRUMENTS[each]]) for each in _TRIADS}
+        air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+        mistake, contradictions = _contradictions(averaged(masked))
+        turned = []  # whether the axes of the unit are not the vehicle's, as it reads and without the mistake
+        for one in (AS_IT_IS, mistake):
+            rates, forces = (one.factors.get(each, np.eye(3)) @ values for each, values in read.items())
             nose = plausibility.nose_axis(masked.time, rates, forces, air)
-            return plausibility.mounting_fault(masked.time, nose, tolerance)
-
-        mounting, (mistake, contradictions) = turned(AS_IT_IS), _contradictions(averaged(masked))
+            turned.append(plausibility.mounting_fault(masked.time, nose, tolerance))
         # Units that alone make the mounting right are the simpler mistake; their effects come after it.
-        restores = mistake.fault == "units" and not (mounting and turned(mistake))
-        found = (*faults, *contradictions, *physics) if restores else (*faults, *physics, *(mounting or contradictions))
+        restores = mistake.fault == "units" and not turned[1]
+        found = (
+            (*faults, *contradictions, *physics) if restores else (*faults, *physics, *(turned[0] or contradictions))
+        )
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 

@@ -277,7 +277,7 @@ def size_table(comparison: result.Comparison) -> Table:
 
 
 def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.TermEstimate] = ()) -> Table:
-    """One row for each error of record and vehicle, the largest in tolerances first; in degrees too what is an angle,
+    """One row for each error of record and vehicle, the least probable first; in degrees too what is an angle,
     and a moment of the vehicle, as trim: that at which the static moment of the baseline's `terms` is as large.
     """
     rows, slope = list[dict[str, str]](), next((abs(t.value) for t in terms if t.name == "C_malpha"), np.nan)
@@ -287,7 +287,8 @@ def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.Ter
         row = {"error": each.name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
         known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
-        rows.append(row | {"deg, or over C_malpha": known})
+        alone = number(each.without_tolerance)
+        rows.append(row | {"by the data alone": alone, "deg, or over C_malpha": known})
     beyond = range(len(result.beyond_tolerances(errors)))
     return Table(rows, "Errors of record and vehicle", ("error", "unit"), beyond, shown="verbose")
 

@@ -80,6 +80,19 @@ def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None
         assert bool(said) is wrong
 
 
+def test_a_wrong_place_of_the_accelerometers_has_its_size_by_the_data_alone() -> None:
+    """Its tolerance draws a fitted error towards nothing: a fifth of it remained."""
+    flight = simulate("blunt_capsule", seed=7, instruments={"draw": 1.0}, plant=["bodyfixed"]).flight
+    x, y, z = flight.vehicle.accelerometer_position
+    misplaced = replace(flight, vehicle=replace(flight.vehicle, accelerometer_position=(x + 0.1, y, z)))
+    found = compare(misplaced, mechanisms=["bodyfixed"], maximum_likelihood="none")
+    first = found.record_errors[0]
+    assert first.name == "accel_position x"
+    assert abs(first.value) < 0.05 < abs(first.without_tolerance)
+    assert first.without_tolerance == pytest.approx(-0.1, abs=0.02)
+    assert f"{first.without_tolerance:.3g} by the data alone" in found.conclusion()
+
+
 SIDE_MOMENT = '''
 import numpy as np
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
