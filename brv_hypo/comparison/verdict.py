@@ -243,19 +243,23 @@ def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
 
 
 def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdict:
-    """The verdict, where a process of the moment, but for those that a user has `stated`, is far beyond an ordinary
-    size beside a mechanism that it names, without that name: what moves the vehicle so may be what that describes.
+    """The verdict without the name of a mechanism beside which a process is far beyond an ordinary size, but for those
+    that a user has `stated`: one of the moment, or of the record if it is larger than what is named. What moves the
+    vehicle so, or reads as if it did, may be what that describes.
     """
     named = verdict.winner or verdict.described
     best = named or next(iter(verdict.equivalent), None)
-    far = [each for each in verdict.processes if each.is_far and each.is_of_moment and each.name not in stated]
+    own = max((each.share_of_moment for each in verdict.limits if each.mechanism == best), default=0.0)
+    far = [each for each in verdict.processes if each.is_far and each.name not in stated]
+    far = [each for each in far if each.is_of_moment or each.share_of_moment > own]
     if best in (None, NONE) or not far:
         return verdict
     sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
     sums = [each.mechanism for each in verdict.limits if best in each.mechanism.split("+") and each.mechanism != best]
     two = "" if sums or "+" in str(best) else f", or two mechanisms act (list their sum, as {best}+NAME)"
-    large = f"beside it processes are far beyond their ordinary size ({sizes} times)"
-    said = _describes(verdict, f"{large}: something large is not on the list{two}")
+    known = f"something large is not on the list{two}"
+    lacks = known if any(each.is_of_moment for each in far) else "check units, signs and axes of these channels"
+    said = _describes(verdict, f"beside it processes are far beyond their ordinary size ({sizes} times): {lacks}")
     return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
 
 

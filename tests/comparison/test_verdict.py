@@ -168,14 +168,17 @@ def test_what_predicts_held_out_blocks_worse_than_the_baseline_is_not_named() ->
 
 
 def test_beside_processes_far_beyond_their_ordinary_size_nothing_is_named() -> None:
-    """Of the moment: of instruments the channels are to be checked. What is within its error says nothing."""
-    named, large = said(NULL, LAG), process(0.012)
-    for name, family, size, error, keeps in (
-        ("flow", "body", 230.0, 10.0, False),
-        ("flow", "body", 19.0, 1.0, True),
-        ("flow", "body", 230.0, 150.0, True),
-        ("gyro_drift", "gyros", 230.0, 10.0, True),
+    """Of the moment, or of instruments if larger than what is named. What is within its error says nothing."""
+    large = process(0.012)
+    for name, family, size, error, leader, keeps in (
+        ("flow", "body", 230.0, 10.0, 0.3, False),
+        ("flow", "body", 19.0, 1.0, 0.3, True),
+        ("flow", "body", 230.0, 150.0, 0.3, True),
+        ("flow", "gyros", 230.0, 10.0, 0.3, True),
+        ("flow", "gyros", 230.0, 10.0, 0.003, False),
     ):
+        acts = MechanismLimit(mechanism="lag", share_of_moment_95=0.4, share_of_moment=leader)
+        named = said(NULL, LAG).model_copy(update={"limits": (acts,)})
         about = {"name": name, "family": family, "size": size * large.tolerance, "std_error": error * large.tolerance}
         found = named.model_copy(update={"processes": (large.model_copy(update=about),)})
         verdict = with_far_processes(found)
