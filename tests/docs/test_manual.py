@@ -84,7 +84,7 @@ def test_the_commands_of_the_readme_can_be_read(brv_hypo):
         assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
     """On the table that the manual makes, with its map; NAME is a name, and what is in brackets may be left out.
 
