@@ -101,7 +101,6 @@ class Tilt:
 
 def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
     """Mean direction (3,) of the first thrust in forces (3, n) m/s^2, the speed (n,) m/s it makes, and three samples.
-
     Those of ignition, highest speed, and where drag has brought it down to a part of that. None without thrust, which
     comes after a rest, that senses gravity, or before a drag the other way: an entry's force does neither.
     """
@@ -220,7 +219,6 @@ def path_into_force(
     time: FloatArray, rates: FloatArray, forces: FloatArray, speed: FloatArray, scale: FloatArray, noise: float = 0.0
 ) -> tuple[tuple[float, float, float], float]:
     """Relation 1: the transverse of `forces` (3, n) m/s^2, by the crossflow of `rates` (3, n) rad/s at `speed` (n,).
-
     `scale` (n,) is proportional to the dynamic pressure, `time` (n,) s begins at nought. Squares and slope as of
     `fitted_slopes`; the path starts anywhere, and gravity and wind bend it slowly.
     """
@@ -237,9 +235,8 @@ def path_into_force(
 def fitted_slopes(
     noise: float, observed: ComplexArray, slopes: Sequence[ComplexArray], nuisances: Sequence[ComplexArray]
 ) -> tuple[tuple[float, float, float], float]:
-    """`observed` by real slopes, after complex nuisances: the slope on average, and three squares.
-
-    Those are of what nuisances do not explain, of what slopes do not explain either, and of noise of that variance.
+    """`observed` by real slopes, after complex nuisances: the slope on average, and three squares. Those are of what
+    nuisances do not explain, of what slopes do not explain either, and of noise of that variance.
     """
     every = max(1, observed.size // FIT_MOST_SAMPLES)
     table = np.stack([*nuisances, *(1j * column for column in nuisances), *slopes, observed], axis=1)[::every]
@@ -271,11 +268,10 @@ def relative_axes(
     units: Mapping[str, float],
     air: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[str, FloatArray, float] | None:
-    """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely.
-
-    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose;
-    `air` as of `air_of`, else what thrust makes. The last value is the unexplained share of the best over that of the
-    next. None without a second of coast after thrust, or of known air.
+    """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely. `rates`
+    (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose; `air` as of
+    `air_of`, else what thrust makes. The last value is the unexplained share of the best over that of the next. None
+    without a second of coast after thrust, or of known air.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -405,7 +401,6 @@ def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordF
 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:
     """Speed (m/s) and height (m) gained in the first thrust, by channel: recorded, and as the forces (3, n) make them.
-
     As if vertical: a leaning path gains the more speed and the less height. Empty where too little is gained.
     """
     flown = powered_flight(time, forces)

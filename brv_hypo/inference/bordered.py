@@ -35,9 +35,8 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True)
 class Bordered:
-    """Columns in the order of their flights, the shared ones last, on `count` rows.
-
-    `ranges` are those of each flight, in order; `own` (its rows, its columns); `shared` (count, columns).
+    """Columns in the order of their flights, the shared ones last, on `count` rows. `ranges` are those of each flight,
+    in order; `own` (its rows, its columns); `shared` (count, columns).
     """
 
     count: int

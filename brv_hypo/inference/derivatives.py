@@ -37,14 +37,11 @@ _ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is lin
 
 
 class Derivative(NullIsNaN):
-    """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable.
-
-    At no angle of attack, and at that flown (`alpha_rad`, rms about the place; `alpha_ends_rad`, least and greatest
-    there); `mach` is NaN where it is not known.
-    Of model and processes together, with the errors of both: by alpha of the static moment, by the transverse rate
-    times d / 2V of all.
-    `collinear_with`: processes and coefficients whose estimates are correlated with that at the angle flown by more
-    than `COLLINEAR` at some place, and the correlation at each.
+    """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable. At no angle of attack,
+    and at that flown (`alpha_rad`, rms about the place; `alpha_ends_rad`, least and greatest there); `mach` is NaN
+    where it is not known. Of model and processes together, with the errors of both: by alpha of the static moment, by
+    the transverse rate times d / 2V of all. `collinear_with`: processes and coefficients whose estimates are correlated
+    with that at the angle flown by more than `COLLINEAR` at some place, and the correlation at each.
     """
 
     flight: int

@@ -60,15 +60,12 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class HypothesisFit:
-    """A fitted hypothesis in the whitened frame.
-
-    `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
-    `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, is empty until errors are known: of the regression by `with_errors`,
-    beside processes by `comparison.judgement`, which replaces values too; `residual` and what follows from it stay
-    those of the regression.
-    `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds; `left_out`, of
-    values and then delays and knots, is known beside processes.
+    """A fitted hypothesis in the whitened frame. `columns` are the baseline's and then the selected ones; `values` and
+    `covariance` belong to them. `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the
+    delays and knots; `joint_covariance`, of values and then those, is empty until errors are known: of the regression
+    by `with_errors`, beside processes by `comparison.judgement`, which replaces values too; `residual` and what follows
+    from it stay those of the regression. `bound_cost` is the fall of 2 ln L where coefficients are held within their
+    mechanism's bounds; `left_out`, of values and then delays and knots, is known beside processes.
     """
 
     name: str
@@ -328,9 +325,8 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 @dataclass(frozen=True)
 class Regressed:
-    """Errors of every flight: `applied` as corrections of its record before, `found` in all; one mapping each.
-
-    `rates` (rows,) rad/s are the de-rolled rates as they follow from coefficients and errors.
+    """Errors of every flight: `applied` as corrections of its record before, `found` in all; one mapping each. `rates`
+    (rows,) rad/s are the de-rolled rates as they follow from coefficients and errors.
     """
 
     applied: tuple[Errors, ...]

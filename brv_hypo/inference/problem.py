@@ -99,7 +99,6 @@ class FlightRows:
 @dataclass(frozen=True)
 class WhitenedRows:
     """A part of the record at unit noise; constants of integration and nuisances are what is projected out.
-
     `correlated`: the random walk of the attitude is the integral of the very noise that the rates show, and no unknown
     beside it. What belongs to the walk goes to its unknowns, and the rates have that much less noise of their own. It
     mixes rows of all times: where rows are held out, the walk has to count as independent, which only loses.
@@ -245,10 +244,8 @@ class WhitenedRows:
 
 @dataclass(frozen=True)
 class ProjectedBaseline:
-    """The baseline's columns, the nuisances projected out of them.
-
-    `basis` (rows, rank) is orthonormal, `coefficients` (columns, rank) come from coordinates in it; `left` (rows,) is
-    what it leaves of the response.
+    """The baseline's columns, the nuisances projected out of them. `basis` (rows, rank) is orthonormal, `coefficients`
+    (columns, rank) come from coordinates in it; `left` (rows,) is what it leaves of the response.
     """
 
     basis: FloatArray

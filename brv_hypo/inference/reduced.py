@@ -24,9 +24,8 @@ _SPENT = 1e-10  # share of its length below which what is left of a column is ro
 
 @dataclass(frozen=True)
 class Batch:
-    """Whitened columns: the rows that they have (m, columns), and coordinates in what is projected out.
-
-    `inside` (unknowns + rank of the baseline, columns): the nuisances first.
+    """Whitened columns: the rows that they have (m, columns), and coordinates in what is projected out. `inside`
+    (unknowns + rank of the baseline, columns): the nuisances first.
     """
 
     rows: FloatArray

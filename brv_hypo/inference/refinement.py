@@ -45,9 +45,8 @@ FINAL = Steps(40, 1e-6)  # of one that is reported, or linearised about
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """One continuous parameter, in `units`, and which of the selected columns it moves.
-
-    A theta of a mechanism, a knot, or the width of an onset that a ramp with an end describes; its knot is the middle.
+    """One continuous parameter, in `units`, and which of the selected columns it moves. A theta of a mechanism, a knot,
+    or the width of an onset that a ramp with an end describes; its knot is the middle.
     """
 
     kind: Literal["theta", "knot", "width"]

@@ -58,12 +58,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Block:
-    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group.
-
-    `raw` is Z before whitening; `own` (m, rank) are orthonormal columns of what is projected out; `errors` (m, rank)
-    are directions that errors within tolerances make, and `shrunk` (rank,) what whitening leaves of each; `estimates`
-    (errors, rank) makes those errors, in tolerances, of what a model does not explain along each, and `items` says
-    which nuisances they are.
+    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group. `raw` is Z before
+    whitening; `own` (m, rank) are orthonormal columns of what is projected out; `errors` (m, rank) are directions that
+    errors within tolerances make, and `shrunk` (rank,) what whitening leaves of each; `estimates` (errors, rank) makes
+    those errors, in tolerances, of what a model does not explain along each, and `items` says which nuisances they are.
     """
 
     rows: IntArray

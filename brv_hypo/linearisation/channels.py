@@ -204,10 +204,8 @@ class Lasting:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise models of the two channels: rates (rad/s) and force (m/s^2).
-
-    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white. `lasting` is
-    None where the noise was not measured.
+    """Noise models of the two channels: rates (rad/s) and force (m/s^2). `thinning`: whitened rows that are averaged
+    into one, for the columns are slow and the noise is white. `lasting` is None where the noise was not measured.
     """
 
     rates: NoiseModel
@@ -241,10 +239,9 @@ class Histories:
 
 @dataclass(frozen=True)
 class Part:
-    """Some stretches of the flights of a frame.
-
-    `rows` are indices into the frame's rows, `valid` where the force may be used. `pieces` are the ranges that are
-    contiguous in time, `flights` which flight each is of; `levels`: ranges that share a constant of integration.
+    """Some stretches of the flights of a frame. `rows` are indices into the frame's rows, `valid` where the force may
+    be used. `pieces` are the ranges that are contiguous in time, `flights` which flight each is of; `levels`: ranges
+    that share a constant of integration.
     """
 
     rows: IntArray

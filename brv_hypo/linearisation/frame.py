@@ -96,7 +96,6 @@ Integrals = tuple[Antiderivative, Antiderivative]
 @dataclass(frozen=True)
 class Nodes:
     """Where a segment's moments are evaluated: `time` (k,) s, on the clock of time bases, factor of the integrand.
-
     `rows` are they among the flight's nodes, `samples` (m,) those of them that are the segment's samples.
     """
 
@@ -228,12 +227,11 @@ class _Shapes:
 
 @dataclass(frozen=True)
 class RateFrame:
-    """Reconstructed flights as one linear problem; rows run over the samples of all segments.
-
-    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
-    `finer` are the motions with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
-    time that the flights share, the clock of time bases; None where theirs is each flight's own. `design`,
-    one (k,) a flight at its nodes, is what the vehicle's design adds to C_mw beside the columns; empty if nothing.
+    """Reconstructed flights as one linear problem; rows run over the samples of all segments. `observed` (rows,) rad/s
+    are the derolled rates; `pieces` the row ranges that are contiguous in time. `finer` are the motions with their C_mw
+    where moments are integrated (`Reconstruction.nodes`). `common` is the time that the flights share, the clock of
+    time bases; None where theirs is each flight's own. `design`, one (k,) a flight at its nodes, is what the vehicle's
+    design adds to C_mw beside the columns; empty if nothing.
     """
 
     reconstructions: tuple[Reconstruction, ...]
@@ -436,9 +434,8 @@ def build_frame(
 
 @dataclass(frozen=True)
 class ResidualMoments:
-    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable.
-
-    `noise` (rows,) is the standard deviation of C_m and of C_n that the gyros' noise makes of them, by their filter.
+    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable. `noise` (rows,) is the
+    standard deviation of C_m and of C_n that the gyros' noise makes of them, by their filter.
     """
 
     body: ComplexArray

@@ -32,9 +32,8 @@ AT_ONCE = 2_000_000
 @dataclass(frozen=True)
 class FlightHistories:
     """Histories of the unknowns in `places` on one flight: `kept` (m, unknowns) of them, on the rows that `grid` keeps
-    of those (`span`) that the flight has of the frame.
-
-    Those in `walks` are of the very noise that the rates show; `noise` (m, walks) rad/s is one unit of each.
+    of those (`span`) that the flight has of the frame. Those in `walks` are of the very noise that the rates show;
+    `noise` (m, walks) rad/s is one unit of each.
     """
 
     span: slice
@@ -66,12 +65,10 @@ class FlightHistories:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One unknown of one flight, or of all (`flight` None).
-
-    `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
-    linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `applied` is
-    what was taken out of the record before, in `units`; None for what is not of the record. `stated`: its size is a
-    tolerance that the record states.
+    """One unknown of one flight, or of all (`flight` None). `size` is one unit of its history in `units`, the prior's
+    sigma where it has one. `present` is what the linearisation holds already of the prior's residual, in units of
+    `size`; NaN where there is no prior. `applied` is what was taken out of the record before, in `units`; None for what
+    is not of the record. `stated`: its size is a tolerance that the record states.
     """
 
     name: str

@@ -45,7 +45,6 @@ def answer(
     problem: Callable[[Result], str] = lambda given: "",
 ) -> Result:
     """What foreign code answers to `call(*arguments)` within ANSWER_SECONDS; `problem` says what is wrong with it.
-
     Raises MechanismError with the plugin's package, file and line, whatever it raises, sys.exit and os._exit included.
     """
     try:
@@ -170,10 +169,9 @@ class Checked:
 
 
 def checked(item: Item, package: str = "") -> Item:
-    """The same mechanism or record effect, which cannot change what it is given, and whose every answer is checked.
-
-    A method raises MechanismError where it raises, gives no answer, or anything but what the contract says, such as
-    terms of finite columns on the motion's shape. It names the `package`, or the class's module where none is given.
+    """The same mechanism or record effect, which cannot change what it is given, and whose every answer is checked. A
+    method raises MechanismError where it raises, gives no answer, or anything but what the contract says, such as terms
+    of finite columns on the motion's shape. It names the `package`, or the class's module where none is given.
     """
     module = type(item).__module__.partition(".")[0]
     return item if is_checked(item) else cast(Item, Checked(item, package or module))
@@ -250,10 +248,9 @@ def _past(past: Callable[[float], Motion], tau: float) -> Motion:
 
 
 def without_faulty(analysis: Callable[[frozenset[str]], Result], *, most: int = 20) -> tuple[Result, tuple[str, ...]]:
-    """What `analysis` gives for the names to leave out, and why each was: those that broke their contract in it.
-
-    Every repetition begins anew, so that nothing of what failed is in the result. Raises MechanismError where the
-    plugin at fault is not known, or is still called after it was to be left out.
+    """What `analysis` gives for the names to leave out, and why each was: those that broke their contract in it. Every
+    repetition begins anew, so that nothing of what failed is in the result. Raises MechanismError where the plugin at
+    fault is not known, or is still called after it was to be left out.
     """
     left_out: dict[str, str] = {}
     while True:

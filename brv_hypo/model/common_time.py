@@ -126,10 +126,9 @@ def at(common: CommonTime | None, time: float) -> str:
 
 
 def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
-    """The common time of flights, each given by its time (n,) s and measured Mach number (n,).
-
-    In words why not, where Mach number does not determine time: where a flight has none, or one that neither
-    only falls nor only rises (see `COMMON_STRAYING`), or where it falls on one flight and rises on another.
+    """The common time of flights, each given by its time (n,) s and measured Mach number (n,). In words why not, where
+    Mach number does not determine time: where a flight has none, or one that neither only falls nor only rises (see
+    `COMMON_STRAYING`), or where it falls on one flight and rises on another.
     """
     smooth = []
     for number, (time, mach) in enumerate(records, start=1):
@@ -197,9 +196,8 @@ def _mean_pace(time: FloatArray, mach: FloatArray) -> float:
 
 
 def running(time: FloatArray, mach: FloatArray) -> FloatArray | None:
-    """A smooth Mach number (n,) that strictly falls or strictly rises; None where the measured one does neither.
-
-    Least squares of monotone splines (Ramsay, Statistical Science 3:425, 1988), as many as their BIC wants.
+    """A smooth Mach number (n,) that strictly falls or strictly rises; None where the measured one does neither. Least
+    squares of monotone splines (Ramsay, Statistical Science 3:425, 1988), as many as their BIC wants.
     """
     place = (time - time[0]) / (time[-1] - time[0])
     means = _means(place, mach, COMMON_MEANS)

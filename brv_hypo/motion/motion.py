@@ -210,9 +210,8 @@ def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
 
 
 class _Past:
-    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
-
-    `earlier` is all of it but C_mw so many seconds before; motions of another C_mw need the same times.
+    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled. `earlier` is
+    all of it but C_mw so many seconds before; motions of another C_mw need the same times.
     """
 
     def __init__(self, motion: Motion, ago: float = 0.0, earlier: Callable[[float], Motion] | None = None) -> None:

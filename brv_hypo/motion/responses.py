@@ -151,9 +151,8 @@ def half_steps(
 
 @dataclass(frozen=True)
 class EffectResponses:
-    """Changes of what the record says, for an error of each of k effects of one standard deviation.
-
-    The truth lies below the record by that much, times the error.
+    """Changes of what the record says, for an error of each of k effects of one standard deviation. The truth lies
+    below the record by that much, times the error.
     """
 
     effects: tuple[Perturbation, ...]  # the k effects

@@ -68,11 +68,10 @@ def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) 
 
 
 def white_noise_level(channel: FloatArray | ComplexArray, segments: tuple[tuple[int, int], ...]) -> float:
-    """Standard deviation of the white noise of `channel` (n,), in its units; of either part where it is complex.
-
-    A channel that is constant between its steps, or too short to judge, is credited with the noise of its
-    quantisation. Two that body axes y and z share alike are y + i z: whichever way the axes are rolled, it is the same;
-    and no finer than single precision, whatever a simulation wrote.
+    """Standard deviation of the white noise of `channel` (n,), in its units; of either part where it is complex. A
+    channel that is constant between its steps, or too short to judge, is credited with the noise of its quantisation.
+    Two that body axes y and z share alike are y + i z: whichever way the axes are rolled, it is the same; and no finer
+    than single precision, whatever a simulation wrote.
     """
     sigma = sigma_of_differences([channel[a:b] for a, b in segments])
     if not np.iscomplexobj(channel):
@@ -109,11 +108,10 @@ class Derivative:
 
 
 def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
-    """Derivative of `signal` (n,) by a Savitzky-Golay filter; `sigma` is its parts' white noise, `step` in s.
-
-    Order and width are those of the least mean-square error of the derivative. Its bias is judged by what the
-    next even order finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973).
-    Each segment [start, stop) is filtered by itself; its ends by the outermost polynomial.
+    """Derivative of `signal` (n,) by a Savitzky-Golay filter; `sigma` is its parts' white noise, `step` in s. Order and
+    width are those of the least mean-square error of the derivative. Its bias is judged by what the next even order
+    finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973). Each segment [start, stop)
+    is filtered by itself; its ends by the outermost polynomial.
     """
     pieces = [signal[a:b] for a, b in segments]
     order, half_width, squared_bias = _best_filter(pieces, sigma)
@@ -284,9 +282,8 @@ def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma:
 
 @dataclass(frozen=True)
 class Smooth:
-    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline.
-
-    `scale` (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
+    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline. `scale`
+    (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
     """
 
     values: FloatArray
@@ -312,11 +309,10 @@ class InputError:
 
 
 def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
-    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,).
-
-    Roughness (third differences of the coefficients) and noise are those of greatest likelihood (Wahba,
-    Ann. Statist. 13:1378, 1985): error bands then hold on average, the bias of smoothing included. What varies
-    faster than the spline can is taken for noise.
+    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,). Roughness
+    (third differences of the coefficients) and noise are those of greatest likelihood (Wahba, Ann. Statist. 13:1378,
+    1985): error bands then hold on average, the bias of smoothing included. What varies faster than the spline can is
+    taken for noise.
     """
     n = values.size
     basis = _splines_through(n)

@@ -33,10 +33,9 @@ class LeastSquares:
 
 
 def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> LeastSquares:
-    """Fit y (n,) on the columns of X (n, k), to nearly the precision that the data allow.
-
-    Residuals and gradients are evaluated in extended precision (80 bits where the machine has them), the corrections
-    in double. The columns must be independent. Without ``variances``, ``inverse_diagonal`` is not refined.
+    """Fit y (n,) on the columns of X (n, k), to nearly the precision that the data allow. Residuals and gradients are
+    evaluated in extended precision (80 bits where the machine has them), the corrections in double. The columns must be
+    independent. Without ``variances``, ``inverse_diagonal`` is not refined.
     """
     n, k = X.shape
     if k == 0:

@@ -174,10 +174,9 @@ class Node:
         return np.asarray((inverse @ self.z) ** 2 / np.einsum("ij,ij->i", inverse, inverse))
 
     def rounding_margin(self, *, orthogonal: bool) -> float:
-        """Relative allowance for rounding in the bounds below this node.
-
-        A residual r is perturbed by about eps |beta|_1 / |r| where orthogonal steps are taken on R, and by
-        the square of that on Schur complements; the complete model has the largest coefficients.
+        """Relative allowance for rounding in the bounds below this node. A residual r is perturbed by about eps
+        |beta|_1 / |r| where orthogonal steps are taken on R, and by the square of that on Schur complements; the
+        complete model has the largest coefficients.
         """
         if not self.undecided.size or self.bound <= 0.0:
             return 0.0
@@ -230,9 +229,8 @@ def make_node(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...
 
 
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtree]:
-    """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves.
-
-    Leaves are left to be made, once, by who scores them: of dependent columns nearly all parts are leaves.
+    """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves. Leaves are left
+    to be made, once, by who scores them: of dependent columns nearly all parts are leaves.
     """
     dependent = frame.rank < frame.candidates.size
     stack = [OpenSubtree((), tuple(range(frame.candidates.size)), frame.rss_full)]

@@ -142,9 +142,8 @@ class _Point:
 
 
 class RandomWalkSmoother:
-    """The problem of one record; its attributes are what stays the same over measurements and iterations.
-
-    `known` (k,) of the errors of the record are taken out of it already.
+    """The problem of one record; its attributes are what stays the same over measurements and iterations. `known` (k,)
+    of the errors of the record are taken out of it already.
     """
 
     def __init__(
@@ -169,10 +168,9 @@ class RandomWalkSmoother:
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
     ) -> SmoothedMotion:
-        """Levenberg and Marquardt's search from a motion that is near; else from the nose's mean.
-
-        (Marquardt, J. SIAM 11:431, 1963.) A step that does not lower the cost is tried again with the globals kept
-        nearer. The search ends where a whole step would lower the cost by less than `enough`.
+        """Levenberg and Marquardt's search from a motion that is near; else from the nose's mean. (Marquardt, J. SIAM
+        11:431, 1963.) A step that does not lower the cost is tried again with the globals kept nearer. The search ends
+        where a whole step would lower the cost by less than `enough`.
         """
         start, crossflow, errors = near or (self.nose_start, None, None)
         errors = np.zeros(self.known.size) if errors is None else errors
@@ -354,10 +352,9 @@ def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> Floa
 
 
 def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
-    """The default method; see the module's description.
-
-    The errors of the record are linearised about the motion that is found without them. The air data are freed of noise
-    first: as a factor of the normal force it would be in what the force is explained by.
+    """The default method; see the module's description. The errors of the record are linearised about the motion that
+    is found without them. The air data are freed of noise first: as a factor of the normal force it would be in what
+    the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
     problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True

@@ -19,9 +19,8 @@ from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses,
 def velocity(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> WindHistory:
-    """v and w by Eq. 3.1, speed by the record; gravity is found with the start.
-
-    The equation is neutrally stable: what the start and the gyros err by stays.
+    """v and w by Eq. 3.1, speed by the record; gravity is found with the start. The equation is neutrally stable: what
+    the start and the gyros err by stays.
     """
     return from_nose(record, perturbations, forces=True)
 
@@ -32,10 +31,9 @@ def rates(record: InertialRecord, config: ReconstructionConfig, perturbations: S
 
 
 def from_nose(record: InertialRecord, perturbations: Sequence[Perturbation], *, forces: bool) -> WindHistory:
-    """Attitude about a velocity propagated from the nose's mean, by gravity and, if `forces`, specific force.
-
-    The mean errs by what a broken cycle adds, and gravity, which follows from the nose's drift, by that over time.
-    Errors of the record are as large as expected: nothing here measures them.
+    """Attitude about a velocity propagated from the nose's mean, by gravity and, if `forces`, specific force. The mean
+    errs by what a broken cycle adds, and gravity, which follows from the nose's drift, by that over time. Errors of the
+    record are as large as expected: nothing here measures them.
     """
     speed = record.flight.velocity
     start = start_from_nose(record, forces=forces)
