@@ -75,7 +75,7 @@ def gathered(
         for a, t in zip(whole.model.applied, in_record, strict=True)
         if a.effect.carried
     ]
-    known = sorted((*added, *record_errors(beside, weight)), key=lambda each: -abs(each.tolerances))
+    known = sorted((*added, *record_errors(beside, weight)), key=lambda each: -each.sigmas)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
