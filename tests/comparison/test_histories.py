@@ -56,12 +56,13 @@ def test_the_residual_that_is_drawn_is_that_of_the_whole_fit(at_half_the_rate) -
         assert 0.8 < np.sqrt(np.nanmean(residual**2)) < 1.1
 
 
-def test_errors_are_the_largest_first_and_within_tolerance(at_half_the_rate) -> None:
+def test_errors_are_the_least_probable_first_and_within_tolerance(at_half_the_rate) -> None:
     """Where nothing was planted all are within their tolerances, and no better known than these."""
     errors = at_half_the_rate.record_errors
-    sizes = [abs(each.tolerances) for each in errors]
+    sizes = [each.sigmas for each in errors]
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[0] < 3.0
+    assert all(each.sigmas >= abs(each.tolerances) * (1.0 - 1e-12) for each in errors)
     assert all(0.0 <= each.std_error <= each.tolerance for each in errors)
     assert {"trim C_m0", "gyro_bias p"} <= {each.name for each in errors}
     assert beyond_tolerances(errors) == []
