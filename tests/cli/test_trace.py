@@ -34,7 +34,10 @@ def known(flights, settings, **_):
     return traced_trim()
 
 
-@pytest.fixture(scope="module", params=["known", pytest.param("found", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param("known", marks=pytest.mark.thorough), pytest.param("found", marks=pytest.mark.slow)],
+)
 def traced(request, brv_hypo, tmp_path_factory):
     """The trace of a flight with a planted trim: the finished command, its JSON and its report.
 

@@ -80,6 +80,7 @@ def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None
         assert bool(said) is wrong
 
 
+@pytest.mark.thorough
 def test_a_wrong_place_of_the_accelerometers_has_its_size_by_the_data_alone() -> None:
     """Its tolerance draws a fitted error towards nothing: a fifth of it remained."""
     flight = simulate("blunt_capsule", seed=7, instruments={"draw": 1.0}, plant=["bodyfixed"]).flight

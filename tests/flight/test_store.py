@@ -82,6 +82,7 @@ def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
     assert (found.planet, found.title) == (original.planet, original.title)
 
 
+@pytest.mark.thorough
 @given(flights(), CHOICES)
 def test_any_accepted_unit_gives_the_same_flight(original: Flight, units: dict[str, str]) -> None:
     def in_units(name: str, values: Any) -> Any:

@@ -100,7 +100,7 @@ def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> No
     assert "no column was found for velocity, and none for altitude" in " ".join(guess.unsure)
 
 
-@pytest.mark.parametrize("named", ["ft", "m"])
+@pytest.mark.parametrize("named", ["ft", pytest.param("m", marks=pytest.mark.thorough)])
 def test_files_of_other_recorders_and_of_the_vehicle_go_with_the_log(tmp_path: Path, named: str) -> None:
     """A clock that starts elsewhere, an altimeter in feet, masses counted from ignition: one map for all three."""
     unit = rockets.inertial_unit()

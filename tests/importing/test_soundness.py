@@ -34,7 +34,12 @@ def coasting() -> Flight:
     return make_flight("cone", seed=3).flight
 
 
-@pytest.mark.parametrize("name", sorted(MISTAKES))
+IN_ALL_RUNS = ("sound", *sorted(MISTAKES)[:2])
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in IN_ALL_RUNS else pytest.mark.thorough) for n in sorted(MISTAKES)]
+)
 def test_a_mistake_is_named_and_a_sound_log_is_not(tmp_path: Path, name: str) -> None:
     assert bool(named(flown(), mistaken(flown(), name, np.random.default_rng(1)), tmp_path)) == (name != "sound")
 
@@ -64,6 +69,7 @@ def test_what_is_no_rotation_is_refused(tmp_path: Path, rotation: Any) -> None:
         bring_in(tmp_path / "a.csv", write_map(tmp_path, log_map(flown()) | {"rotation": rotation}))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lean", [12.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_the_speed_of_a_leaning_climb_is_within_its_error(tmp_path: Path, lean: float) -> None:
     log = flown(lean)
