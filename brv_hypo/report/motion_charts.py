@@ -271,7 +271,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     marks = [Mark(side * beyond) for side in (-1.0, 1.0)]
     read = (
         f"As fitted with model and processes; reconstruct fits them without. The largest of {len(errors)} seldom "
-        f"exceeds {beyond:.1f} tolerances; errors beyond are named above."
+        f"exceeds {beyond:.1f} tolerances, or less where the data hardly determine it: those beyond are named above."
     )
     named, ends = ("errors", "Largest errors", "error over its tolerance"), (-most, most)
     dashed = f"{beyond:.1f} tolerances"
