@@ -165,8 +165,7 @@ def judged(
     first = about(shared, point, fits, point_of(shared, point.frame, point.columns, point.mechanisms))
     leader = likeliest(first.fits)
     same = leader.name == point.name
-    # About a mechanism that processes replace, and about the baseline beside them, the motion is the same.
-    if (same or not leader.selected) and first.misfit < 1.0 + NOISE_LEVEL[1]:
+    if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
         return first
     second = about(first.problem, leader, first.fits, _point_beside(first))
     if not same:
