@@ -302,8 +302,8 @@ class RecordError(NullIsNaN):
     @property
     def in_tolerances(self) -> str:
         """Its value in tolerances, and by the data alone where that is far more, in words."""
-        alone = self.without_tolerance
-        by_data = f"; {number(alone)} by the data alone" if abs(alone) > _FAR_MORE * abs(self.value) else ""
+        alone, more = self.without_tolerance, abs(self.without_tolerance) > _FAR_MORE * abs(self.value)
+        by_data = f"; by the data alone {number(alone)}, {abs(alone) / self.tolerance:.0f} times" if more else ""
         return f"{abs(self.tolerances):.1f} times its tolerance{by_data}"
 
 
@@ -335,12 +335,8 @@ def _listed(what: str, said: Sequence[str]) -> str:
 
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
-    first = max(errors, key=lambda each: abs(each.tolerances), default=None)
-    return (
-        ""
-        if first is None or abs(first.tolerances) < FAR_TOLERANCES
-        else f"{first.name} is {first.stated}, {first.in_tolerances}"
-    )
+    far = sorted((e for e in errors if abs(e.tolerances) > FAR_TOLERANCES), key=lambda e: -abs(e.tolerances))
+    return "".join(f"{e.name} is {e.stated}, {e.in_tolerances}" for e in far[:1])
 
 
 class SizedModel(NullIsNaN):

@@ -456,7 +456,7 @@ def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) 
         return ()
     words = (
         f"{tilt.by} lie {np.degrees(tilt.angle):.1f} deg off x, known to {np.degrees(tilt.sigma):.1f} deg: the unit is "
-        "turned in the vehicle; put rotation: auto into the map of the whole log"
+        "turned in the vehicle, or accelerometer_position wrong; put rotation: auto into the map of the whole log"
     )
     return (RecordFault.over(time, "p, q, r, ax, ay, az", "mounting", words, decisive=True),)
 

@@ -280,7 +280,7 @@ def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
             "vehicle/ixx",
             f"{vehicle.ixx:g} kg m^2 with iyy = {vehicle.iyy:g} kg m^2",
             "ixx <= 2 iyy, which every rigid body obeys",
-            "ixx and iyy in different units, or iyy about another point",
+            "ixx and iyy exchanged or in different units, or iyy about another point",
             "give both about the centre of gravity and check their 'units'",
         )
     return vehicle

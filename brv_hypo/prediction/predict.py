@@ -30,6 +30,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import per_coefficient, scale_variance, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import prediction_slopes, shift_sigma
+from brv_hypo.io.text import times
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST, first_values
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths, solve_scaled
@@ -248,6 +249,13 @@ def _frozen(
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
     refit = tuple(_in_model(model, name) for name in refit)
     to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
+    changes, ends = (
+        [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"],
+        flight.time[[0, -1]].tolist(),
+    )
+    if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
+        where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
+        raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
     if not here:  # without what belongs to the times and to the instruments of its own flights
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())

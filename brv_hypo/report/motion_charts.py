@@ -262,7 +262,7 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
 
 def errors_chart(errors: Sequence[RecordError]) -> Chart:
     """Errors of record and vehicle in units of their tolerances, the largest first."""
-    known = errors[:_ERRORS]
+    known = sorted(errors[:_ERRORS], key=lambda each: -abs(each.tolerances))
     values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
     dots = Line(values, range(len(known)), "first", "± 2 sigma", dots=True, size=LARGE, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []

@@ -288,7 +288,7 @@ def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.Ter
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
         known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
         alone = number(each.without_tolerance)
-        rows.append(row | {"by the data alone": alone, "deg, or over C_malpha": known})
+        rows.append(row | {"by the data alone": alone, "in deg": known})
     beyond = range(len(result.beyond_tolerances(errors)))
     return Table(rows, "Errors of record and vehicle", ("error", "unit"), beyond, shown="verbose")
 

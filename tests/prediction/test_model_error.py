@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, save_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.linearisation.frame import ResidualMoments, residual_moments
@@ -187,6 +188,14 @@ def test_what_is_refitted_elsewhere_keeps_its_times_and_this_is_said(record: Fli
     assert {term.mechanism for term in found.refitted} == {"bodyfixed"}
     assert "Of bodyfixed the coefficients alone were fitted to this flight, at the times and delays" in found.reason
     assert "alone were fitted" not in elsewhere.reason
+
+
+@pytest.mark.thorough
+def test_what_changes_outside_a_record_cannot_be_refitted_to_it(record: Flight) -> None:
+    """It was estimated as 0 +- 6e-9 there, and the model not contradicted."""
+    late = replace(record, time=record.time + 100.0)
+    with pytest.raises(UsageError, match=r"--refit bodyfixed: .* within the record, 100 to 1\d\d.* s: it cannot"):
+        predict(late, with_a_jump(traced_trim(), "another.h5"), "bodyfixed")
 
 
 @pytest.mark.thorough
