@@ -264,8 +264,8 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
 
 
 def with_second(verdict: Verdict, leader: str, second: str, where: str) -> Verdict:
-    """The verdict, with another mechanism that seems to act beside its leader, and `where` in words; "" for none."""
-    if not second:
+    """The verdict, with what seems to act beside its leader and `where`, in words; "" for none, or none adequate."""
+    if not second or verdict.outcome == "none adequate":
         return verdict
     said = f" {second} seems to act beside {leader}, about {where}: compare {leader}+{second} as well."
     return verdict.model_copy(update={"reason": verdict.reason + said})

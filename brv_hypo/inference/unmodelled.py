@@ -81,6 +81,7 @@ _UNUSUAL: dict[str, Shape] = {
     "nonlinear stiffness": _power(2),
     "nonlinear side moment": _power(2, 1j),
     "cross damping": _rate(1j),
+    "body-fixed by alpha": _harmonic(1, 1),
     "two-fold": _harmonic(1, 2),
     "two-lobed in plane": _lobed(1.0),
     "two-lobed side moment": _lobed(1j),

@@ -94,29 +94,30 @@ def test_a_wrong_place_of_the_accelerometers_has_its_size_by_the_data_alone() ->
     assert f"by the data alone {first.without_tolerance:.3g}, " in found.conclusion()
 
 
-SIDE_MOMENT = '''
+SOME_MOMENT = '''
 import numpy as np
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
 
 
-class SideMoment(Mechanism):
-    """A side moment of some shape."""
+class SomeMoment(Mechanism):
+    """A moment of some shape."""
 
-    name, title, claims, source = "some_side", "some side moment", "a moment across the plane of alpha", "this test"
+    name, title, claims, source = "some_moment", "some moment", "a moment of some shape", "this test"
 
     def terms(self, motion, theta):
-        """Across the plane."""
-        side = SHAPE
-        return (Term("k", 0.0 * side, side),)
+        """In plane and across it."""
+        moment = SHAPE
+        return (Term("k", moment.real.copy(), moment.imag.copy()),)
 
 
 @hookimpl
 def brv_hypo_mechanisms():
-    return [SideMoment()]
+    return [SomeMoment()]
 '''
 
 
-TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "motion.alpha**2"
+TWO_LOBED, SQUARE = "1j * motion.alpha * np.sin(2.0 * motion.windward_meridian)", "1j * motion.alpha**2"
+BY_ALPHA = "motion.alpha * np.exp(1j * (motion.windward_meridian + 0.5))"
 
 
 @pytest.mark.thorough
@@ -124,6 +125,7 @@ TWO_LOBED, SQUARE = "motion.alpha * np.sin(2.0 * motion.windward_meridian)", "mo
     ("shape", "size", "listed", "said"),
     [
         (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
+        (BY_ALPHA, 0.01, ["lag", "bodyfixed"], "body-fixed by alpha cosine and body-fixed by alpha sine"),
         pytest.param(SQUARE, 0.1, ["lag"], "nonlinear side moment", marks=pytest.mark.slow),
         pytest.param(SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment", marks=pytest.mark.slow),
     ],
@@ -132,10 +134,10 @@ def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(
     tmp_path: Path, shape: str, size: float, listed: list[str], said: str
 ) -> None:
     """Mechanisms on the list describe parts of it beside processes; none may lead, or decide whether it is detected."""
-    path = tmp_path / "some_side.py"
-    path.write_text(SIDE_MOMENT.replace("SHAPE", shape))
+    path = tmp_path / "some_moment.py"
+    path.write_text(SOME_MOMENT.replace("SHAPE", shape))
     use_plugin_files([path])
-    planted = [{"mechanism": "some_side", "terms": {"k": size}, "start": 1.7, "stop": 4.2}]
+    planted = [{"mechanism": "some_moment", "terms": {"k": size}, "start": 1.7, "stop": 4.2}]
     flown = simulate("research_cone", seed=51, mechanisms=planted, instruments={"draw": 1.0})
     use_plugin_files([])
     verdict = compare(flown, mechanisms=listed, maximum_likelihood="none").verdict
