@@ -465,8 +465,8 @@ class Comparison(HasCharts, Result):
         return verdict.outcome if verdict.winner is None else hypothesis(verdict.winner)
 
     def mach_at(self, time_s: float) -> float:
-        """The Mach number at a time (s) of the reference flight; NaN where it is not known."""
-        for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
+        """The Mach number at a time (s) of the reference flight, from JSON by places; NaN where it is not known."""
+        for known in (self.series or self.functions.get("C_m0", ()))[(self.reference_flight or 1) - 1 :]:
             return float(np.interp(time_s, known.time_s, known.mach))
         return float("nan")
 

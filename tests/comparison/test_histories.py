@@ -48,6 +48,13 @@ def test_json_says_where_the_value_at_zero_is_extrapolated(at_half_the_rate) -> 
     assert Comparison.from_json(at_half_the_rate.to_json()) == at_half_the_rate
 
 
+def test_the_mach_number_at_the_end_is_that_of_the_record(at_half_the_rate) -> None:
+    """Functions end with the middle of their last place."""
+    drawn, (known,) = at_half_the_rate.series[0], at_half_the_rate.functions["C_m0"]
+    assert known.time_s[-1] < drawn.time_s[-1]
+    assert at_half_the_rate.mach_at(drawn.time_s[-1]) == pytest.approx(drawn.mach[-1], abs=1e-9)
+
+
 def test_the_residual_that_is_drawn_is_that_of_the_whole_fit(at_half_the_rate) -> None:
     """Errors of record and vehicle with it: noise, where nothing was planted."""
     drawn = at_half_the_rate.series[0]
