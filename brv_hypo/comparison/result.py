@@ -321,11 +321,11 @@ def beyond_text(errors: Sequence[RecordError], model: str, outcome: str = "") ->
 
 
 def within_text(errors: Sequence[RecordError]) -> str:
-    """Those that are significant, but no larger than the largest of so many is by chance, in a sentence."""
+    """Those that are significant, and no larger than the largest of so many is by chance, in a sentence."""
     beyond, level = beyond_tolerances(errors), beyond_level(len(errors))
     known = [each for each in errors if each not in beyond and abs(each.value) > level * each.std_error]
     said = [f"{e.name} {estimated(e.value, e.std_error)}{'' if e.units == '1' else f' {e.units}'}" for e in known]
-    return _listed(f"Errors of the record, significant but none beyond {level:.2g} tolerances", said)
+    return _listed("Errors of the record, significant and within their tolerances", said)
 
 
 def _listed(what: str, said: Sequence[str]) -> str:

@@ -231,21 +231,21 @@ ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
 
 
 def load_config(
-    source: ConfigSource, *, plant: Sequence[str] = (), keywords: Mapping[str, Any] = {}
+    source: ConfigSource, *, plant: str | Sequence[str] = (), keywords: Mapping[str, Any] = {}
 ) -> SimulationConfig:
     """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted.
 
     `keywords` take the place of its keys, mappings key by key. Raises UsageError that names each wrong key, what it
     holds and what is expected.
     """
+    plant = plant.split(",") if isinstance(plant, str) else plant
     if isinstance(source, SimulationConfig) and keywords:
         source = source.model_dump(exclude_unset=True)
     config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
     for name in plant:
         if name not in config.plantable:
             holds = f"its `plantable` block holds {', '.join(config.plantable) or 'nothing'}"
-            remedy = "Choose one of these, or add it to `plantable`."
-            raise UsageError(f"'{name}' is not plantable in '{config.title}'; {holds}. {remedy}")
+            raise UsageError(f"'{name}' is not plantable in '{config.title}'; {holds}. Choose one, or add it there.")
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 

@@ -264,13 +264,13 @@ class SimulatedFlight(Histories):
     SimulationConfig,
     config="SimulationConfig, mapping, str or Path\n    Or the name of a configuration that comes along.",
     seed="int\n    Of every random draw, 0 or more.",
-    plant="sequence of str\n    Sets of the configuration's `plantable` block.",
+    plant="str or sequence of str\n    Sets of the configuration's `plantable` block.",
 )
 def simulate(
     config: ConfigSource,
     *,
     seed: int,
-    plant: Sequence[str] = (),
+    plant: str | Sequence[str] = (),
     progress: Progress | None = None,
     **settings: Unpack[SimulationSettings],
 ) -> SimulatedFlight:

@@ -343,7 +343,7 @@ class TestPython:
             RecordError(name=name, value=value, std_error=error, units="1", tolerance=7e-5)
             for name, (value, error) in known.items()
         )
-        said = "Errors of the record, significant but none beyond 2.9 tolerances: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
+        said = "Errors of the record, significant and within their tolerances: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
         assert within_text(errors) == said
         assert within_text(errors[1:]) == ""
 

@@ -26,6 +26,13 @@ def test_same_seed_same_flight() -> None:
     np.testing.assert_array_equal(first, second)
 
 
+def test_what_is_planted_may_be_a_string_with_commas() -> None:
+    one, other = (
+        simulate("research_cone", seed=3, plant=each, duration=1.0) for each in ("lag,inplane", ["lag", "inplane"])
+    )
+    assert one.truth.planted == other.truth.planted == ("lag", "inplane")
+
+
 def test_a_seed_is_not_negative() -> None:
     with pytest.raises(UsageError, match="seed"):
         simulate(CONE, seed=-1)
