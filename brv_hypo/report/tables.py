@@ -36,6 +36,7 @@ _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
 ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
+LEAST_ERROR = 1.0  # of the sigmas of fitted values, from which an error of the record is listed
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 SLOW = "drifts, gusts and the like, in every hypothesis"
 KIN = "Processes of one family may stand for one another: quote their sum."
@@ -277,20 +278,19 @@ def size_table(comparison: result.Comparison) -> Table:
 
 
 def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.TermEstimate] = ()) -> Table:
-    """One row for each error of record and vehicle, the least probable first; in degrees too what is an angle,
+    """One row for each less probable error of record and vehicle, and trim, the least first; in degrees too an angle
     and a moment of the vehicle, as trim: that at which the static moment of the baseline's `terms` is as large.
     """
     rows, slope = list[dict[str, str]](), next((abs(t.value) for t in terms if t.name == "C_malpha"), np.nan)
-    for each in errors:
+    for each in (e for e in errors if e.sigmas > LEAST_ERROR or " C_" in e.name):
         of_moment = each.units == "1" and " C_" in each.name
         angle = np.degrees(1.0 if each.units == "rad" else 1.0 / slope if of_moment else np.nan)
         row = {"error": each.name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
         known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
-        alone = number(each.without_tolerance)
-        rows.append(row | {"by the data alone": alone, "in deg": known})
+        rows.append(row | {"by the data alone": number(each.without_tolerance), "in deg": known})
     beyond = range(len(result.beyond_tolerances(errors)))
-    return Table(rows, "Errors of record and vehicle", ("error", "unit"), beyond, shown="verbose")
+    return Table(rows, "Errors above one sigma, and trim", ("error", "unit"), beyond, shown="verbose")
 
 
 def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
