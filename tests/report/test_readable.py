@@ -64,7 +64,7 @@ def test_what_is_correlated_beyond_the_band_is_named_with_what_that_means() -> N
     rng = np.random.default_rng(5)
     white = {name: rng.standard_normal(600) for name in ("q", "r")}
     coloured = white | {"r": np.convolve(white["r"], np.ones(4))[:600]}
-    for known, said in ((white, "nothing"), (coloured, "r")):
+    for known, said in ((white, "none"), (coloured, "r")):
         autocorrelation, quantiles = whiteness_charts(SETTING, known)
         assert f"Not white over all lags (Ljung-Box, 1 %): {said}." in autocorrelation.caption
         assert ("not independent" in autocorrelation.caption) == (said == "r")
