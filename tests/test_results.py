@@ -201,6 +201,7 @@ class TestPlot:
         assert len(figure.axes) == panels
         assert figure._repr_png_().startswith(b"\x89PNG")
 
+    @pytest.mark.thorough
     def test_every_chart_of_the_page_is_there_by_name(self, compared) -> None:
         for chart in document_of(compared).charts:
             assert len(compared.plot(chart.name).axes) == len(chart.panels)

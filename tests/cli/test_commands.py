@@ -85,6 +85,7 @@ class TestSimulate:
         done = brv_hypo("simulate", "f.yaml", "-o", "f.h5", cwd=tmp_path)
         assert "no instrument has noise" in done.stderr
 
+    @pytest.mark.thorough
     def test_a_vehicle_that_tumbles_is_warned_of(self, brv_hypo, tmp_path):
         text = "base: research_cone\nduration: 3.0\nmechanisms: [{mechanism: damping, terms: {C_damping: 150.0}}]\n"
         (tmp_path / "f.yaml").write_text(text)

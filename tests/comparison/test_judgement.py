@@ -145,6 +145,7 @@ def check_noise_above_stated(flight: Flight, least: float, patch: pytest.MonkeyP
     assert verdict.adequacy.p_value < 0.01
 
 
+@pytest.mark.thorough
 def test_accelerometers_with_three_times_the_stated_noise_have_rows_at_unit_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -102,6 +102,7 @@ def test_what_came_on_is_known_better_than_its_rate_and_its_width() -> None:
         assert reached[name].std_error == pytest.approx(1e-3 * np.hypot(width.value, value / width.value), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_knots_move_what_the_evidence_finds_and_not_what_the_fit_without_processes_had() -> None:
     found = judged_cone("bodyfixed")
     fit, own = found.fits[found.leader], found.evidences[found.leader]

@@ -100,6 +100,7 @@ def test_few_samples_a_cycle_are_warned_of(tmp_path: Path) -> None:
     assert any("samples a cycle" in warning for warning in found.warnings)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("plant", ["", "bodyfixed"])
 def test_a_record_that_was_low_passed_is_said_to_be(plant: str) -> None:
     """And none that was not, however quiet: where a moment jumps, rates fall with the square of the frequency."""

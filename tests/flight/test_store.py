@@ -72,6 +72,7 @@ def assert_same(found: Flight, expected: Flight, *, rtol: float) -> None:
         np.testing.assert_allclose(getattr(found.vehicle, name), getattr(expected.vehicle, name), rtol=rtol)
 
 
+@pytest.mark.thorough
 @given(flights())
 def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -181,6 +182,7 @@ def is_compatible(units: str, si: str) -> bool:
     return bool(unit.is_compatible_with(PINT.parse_units(si))) and (si != "rad/s" or holds_angle)
 
 
+@pytest.mark.thorough
 @given(st.sampled_from(ONE_PER_CHANNEL), texts(max_size=8) | st.sampled_from(dir(PINT)))
 @example(name="velocity", text="speed_of_light")
 @example(name="p", text="9**9**9")

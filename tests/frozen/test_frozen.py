@@ -9,6 +9,8 @@ from tests.frozen.commands import RESULTS, current_content, frozen_content
 from tests.frozen.flights import COMMANDS, FLIGHTS, Frozen, Measured
 from tests.frozen.libraries import same_libraries
 
+pytestmark = pytest.mark.thorough
+
 DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
 
 

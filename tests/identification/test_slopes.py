@@ -60,6 +60,7 @@ def test_one_difference_is_enough_by_what_the_equations_are_affine_in(seed: int)
         agree(Differenced(function, made.affine), function, points, theta)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("case", "use"),
     [

@@ -21,6 +21,8 @@ from tests.importing import rockets
 from tests.importing.test_foreign import write_csv, write_mat, write_parquet
 from tests.shared_data import shared_file
 
+pytestmark = pytest.mark.thorough
+
 DEGREE, FOOT = np.pi / 180.0, 0.3048
 WRITERS = [("csv", write_csv), ("parquet", write_parquet), ("mat", write_mat)]
 

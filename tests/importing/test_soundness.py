@@ -23,6 +23,8 @@ from tests.importing.test_foreign import write_csv, write_map
 from tests.studies.independent.flights import make_flight
 from tests.studies.soundness import MISTAKES, foreign, guess_map, log_map, mistaken, named, wrong
 
+pytestmark = pytest.mark.thorough
+
 
 @cache
 def flown(lean: float = 12.0) -> Log:

@@ -14,6 +14,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import FitResult, Segment, fit
 from tests.studies.likelihood.problems import ModelProblem, short_period
 
+pytestmark = pytest.mark.thorough
+
 DRIVE = np.array([0.005, 0.03])
 BUMPY = replace(short_period(), process_noise=DRIVE)
 

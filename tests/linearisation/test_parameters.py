@@ -22,6 +22,8 @@ from tests.chains import prepared
 from tests.renamed import Alias, renamed
 from tests.texts import CHARACTERS
 
+pytestmark = pytest.mark.thorough
+
 APART = 1e-9
 """What numbers may differ by, relatively, between names and units."""
 

@@ -70,6 +70,7 @@ def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
     assert ["body-fixed cosine", "body-fixed sine"] in choices.values()
 
 
+@pytest.mark.thorough
 def test_it_is_fitted_beside_a_baseline_that_has_some_of_its_shapes() -> None:
     """Offset and stiffness are the baseline's own, but for their changes in time."""
     anything = UnmodelledMoment(shapes=SHAPES)

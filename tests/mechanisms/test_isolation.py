@@ -17,6 +17,8 @@ from brv_hypo.mechanisms import checked as apart
 from brv_hypo.mechanisms import find, installed, left_out, registry, use_plugin_files
 from brv_hypo.mechanisms.conformance import sample_flight, sample_motion, uniform_time
 
+pytestmark = pytest.mark.thorough
+
 PLUGIN = """
 import sys, time
 import numpy as np

@@ -34,6 +34,7 @@ def scored(truths: dict[str, Truth]) -> Callable[[str], Score]:
     return cache(lambda name: score(truths[name], SEEDS))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
 def test_accuracy_at_200_hz(scored: Callable[[str], Score], name: str) -> None:
     found = scored(name)
@@ -212,6 +213,7 @@ def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> 
     assert np.degrees(np.sqrt(np.mean((result.motion.alpha - truth.alpha) ** 2))) < 0.003
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "samples", [50, pytest.param(200, marks=pytest.mark.thorough), pytest.param(600, marks=pytest.mark.slow)]
 )

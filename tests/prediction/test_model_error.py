@@ -170,6 +170,7 @@ def elsewhere(record: Flight) -> Prediction:
     return predict(record, with_a_jump(traced_trim(), "another.h5"))
 
 
+@pytest.mark.thorough
 def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
     record: Flight, elsewhere: Prediction
 ) -> None:

@@ -62,6 +62,7 @@ def not_refitted(traced: Trace, sister: Flight) -> Prediction:
     return predict(sister, traced.model.definition)
 
 
+@pytest.mark.thorough
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
     assert "C_malpha" in {term.name for term in predicted.frozen}

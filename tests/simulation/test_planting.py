@@ -20,6 +20,8 @@ from brv_hypo.simulation.vehicle import system
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 from tests.varied import varied
 
+pytestmark = pytest.mark.thorough
+
 CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
 PLANTED: dict[str, dict[str, Any]] = {
     "damping": {"mechanism": "damping", "options": {"form": "complete"}, "terms": {"C_damping": 40.0}, "start": 0.5},

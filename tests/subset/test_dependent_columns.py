@@ -13,6 +13,8 @@ from brv_hypo.subset.search import NumpyTree, OpenSubtree
 from tests.subset.brute_force import enumerate_subsets
 from tests.subset.kernels import best_subsets_by
 
+pytestmark = pytest.mark.thorough
+
 RNG = np.random.default_rng(11)
 ROWS = 80
 

@@ -12,6 +12,8 @@ from brv_hypo.subset import Group, SubsetResult
 from tests.subset.brute_force import Row, enumerate_subsets, representatives
 from tests.subset.kernels import best_subsets_by
 
+pytestmark = pytest.mark.thorough
+
 KERNELS = ("numpy", "numba-schur")
 BATCHES, PER_BATCH = 40, 25
 QUICK_BATCHES, THOROUGH_BATCHES = 4, 8

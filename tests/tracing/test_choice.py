@@ -22,6 +22,8 @@ from brv_hypo.tracing.result import Step, TraceConfig
 from brv_hypo.tracing.trace import _confirmed, beside_hints
 from tests.flights import nominal
 
+pytestmark = pytest.mark.thorough
+
 SCATTER = 0.05
 PARTS = ("deciding", "reported", "both")
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

@@ -62,6 +62,7 @@ def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
         assert abs(found[name].value - planted) < 4.0 * found[name].std_error
 
 
+@pytest.mark.thorough
 def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearised_once() -> None:
     source = Flights((nominal().flight,), CONFIG)
     model = start_model(source)

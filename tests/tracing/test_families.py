@@ -155,6 +155,7 @@ def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
     assert first.share == pytest.approx(1.0 - squares[1] / squares[0], abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_an_applied_correction_is_weighed_on_the_record_as_it_reads() -> None:
     """A step of the wind subtracted from a record that has none; of its value a share was put back.
 
