@@ -221,7 +221,8 @@ def _second(beside: Judged, hypotheses: Hypotheses) -> tuple[str, str]:
     if second is None or second.gain < rules.SECOND_ACTS:
         return "", ""
     both, found = beside_leader(beside.problem, pair, second.mechanism)
-    null, weight = beside.evidences[beside.null].level, beside.weight * found.share_of_terms / own.share_of_terms
+    null = beside.evidences[beside.null].level
+    weight = beside.weight * judgement.share_of((both, found)) / judgement.share_of(pair)
     if judgement.weighed(both, found.level - null, weight) <= judgement.weighed(fit, own.level - null, weight):
         return "", ""
     return second.mechanism.name, " to ".join(at(beside.problem.frame.common, end) for end in second.shape.region)

@@ -66,7 +66,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
-LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
+_LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 _AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 Say = Callable[[str], None]
@@ -100,7 +100,7 @@ class Judged:
 
     def weight_of(self, fit: HypothesisFit, own: Evidence) -> float:
         """What a nat of a hypothesis counts: as those of the leader, or by its own share where no mechanism leads."""
-        return self.weight * (1.0 if self.fits[self.leader].selected else _share((fit, own)))
+        return self.weight * (1.0 if self.fits[self.leader].selected else share_of((fit, own)))
 
     @property
     def misfit(self) -> float:
@@ -203,7 +203,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     # What explains little beside processes leads only where its gain, as that counts, is worth its price.
-    worth = [k for k, (fit, own) in enumerate(pairs) if weighed(fit, own.level - null.level, _share(pairs[k])) >= 0.0]
+    worth = [k for k, (fit, own) in enumerate(pairs) if weighed(fit, own.level - null.level, share_of(pairs[k])) >= 0.0]
     place = max(worth, key=lambda k: possible_level(pairs[k]) - prices[k])
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
@@ -211,7 +211,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
         like, own = min(same, key=lambda pair: len(pair[0].mechanisms))
         pairs[k] = replace(like, name=fit.name, mechanisms=fit.mechanisms), own
     scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
-    shares = [_share(pair) for pair in pairs]
+    shares = [share_of(pair) for pair in pairs]
     weight = independent * shares[place]
     weights = [weight * (1.0 if pairs[place][0].selected else share) for share in shares]
     stated = [
@@ -233,7 +233,7 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
             best = max(best, *map(level, offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
     leading = max(found, key=level)
-    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / _share(leading))
+    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place][0].mechanisms) > 1:
@@ -247,9 +247,9 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
     return [widened(problem, each) if level(each) > high else each for each in found]
 
 
-def _share(pair: Pair) -> float:
+def share_of(pair: Pair) -> float:
     """Of the squares that a hypothesis's terms and processes make, those of its terms: what a nat counts by that."""
-    return max(pair[1].share_of_terms, LEAST_SHARE) if pair[0].selected else 1.0
+    return max(pair[1].share_of_terms, _LEAST_SHARE) if pair[0].selected else 1.0
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:

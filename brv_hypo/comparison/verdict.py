@@ -257,8 +257,9 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
     sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
     sums = [each.mechanism for each in verdict.limits if best in each.mechanism.split("+") and each.mechanism != best]
     two = "" if sums or "+" in str(best) else f", or two mechanisms act (list their sum, as {best}+NAME)"
-    known = f"something large is not on the list{two}"
-    lacks = known if any(each.is_of_moment for each in far) else "check units, signs and axes of these channels"
+    lacks = f"something large is not on the list{two}"
+    if not any(each.is_of_moment for each in far):
+        lacks = "check units, signs and axes of these channels"
     said = _describes(verdict, f"beside it processes are far beyond their ordinary size ({sizes} times): {lacks}")
     return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
 

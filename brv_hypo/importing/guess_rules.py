@@ -38,7 +38,7 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
     return tuple((axis, *units) for units in (("dps",), ("deg", "s"), ("rad", "s"), ("rps",), ("rpm",)))
 
 
-# Words that name a channel, or for a property of the vehicle that changes in flight, the likelier first; a name
+# Words that name a channel, or a property of the vehicle that changes in flight, the likelier first; a name
 # must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",),

@@ -249,10 +249,8 @@ def _frozen(
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
     refit = tuple(_in_model(model, name) for name in refit)
     to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
-    changes, ends = (
-        [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"],
-        flight.time[[0, -1]].tolist(),
-    )
+    changes = [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"]
+    ends = flight.time[[0, -1]].tolist()
     if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
         where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
         raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
@@ -286,11 +284,8 @@ def _frozen(
 
     places = np.array([place.get(column, -1) for column in model.columns])
     corrections = next_corrections(0, flight, model, own_errors, {})
-    delays, found, own = (
-        any(column.theta for column in model.columns),
-        list[tuple[float, Fit]](),
-        fixed if here else None,
-    )
+    delays, own = any(column.theta for column in model.columns), fixed if here else None
+    found = list[tuple[float, Fit]]()
     for _ in range(1 + PREDICTED_LINEARISATIONS * bool(effects or (delays and not here))):
         last = read_with(corrections, own)
         own, errors = _within(last, content, places)
@@ -298,8 +293,8 @@ def _frozen(
         fitted = np.append(np.full(len(model.columns), np.nan), errors)
         found.append((last.left.mean_square(), replace(last, known=np.where(mine, fitted, last.known))))
         beside = last.problem.rows.nuisances.values(errors, 1)[0]
-        found_own = {name: value for name, value in beside.items() if name[0] in effects}
-        corrections = next_corrections(0, flight, model, found_own, corrections)
+        free = {name: value for name, value in beside.items() if name[0] in effects}
+        corrections = next_corrections(0, flight, model, free, corrections)
     # A record that the model explains badly may have another motion without them, which it explains worse. The first is
     # about a plain moment, whose errors are those of a lag's fraction.
     about = found[-PREDICTED_LINEARISATIONS:] if delays else found
@@ -426,10 +421,8 @@ def predictive_sigma(
     constants = np.zeros((frame.observed.size, 2 * len(problem.rows.part.levels)))  # show in no moment
     nuisances = problem.rows.nuisances.histories(np.eye(len(fit.nuisances))).rates
     moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, nuisances, moved])).body
-    design, fixed = (
-        np.column_stack([design, problem.rows.of_moments(moved)]),
-        np.append(~free, np.ones(moved.shape[1], dtype=bool)),
-    )
+    design = np.column_stack([design, problem.rows.of_moments(moved)])
+    fixed = np.append(~free, np.ones(moved.shape[1], dtype=bool))
     of_fitted = moments[:, ~fixed]
     slopes = moments[:, fixed] - of_fitted @ (solved @ design[:, fixed])
     known = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))

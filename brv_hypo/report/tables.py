@@ -278,7 +278,7 @@ def size_table(comparison: result.Comparison) -> Table:
 
 
 def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.TermEstimate] = ()) -> Table:
-    """One row for each less probable error of record and vehicle, and trim, the least first; in degrees too an angle
+    """Errors of record and vehicle above one sigma, and trim, the least probable first; in degrees too what is an angle
     and a moment of the vehicle, as trim: that at which the static moment of the baseline's `terms` is as large.
     """
     rows, slope = list[dict[str, str]](), next((abs(t.value) for t in terms if t.name == "C_malpha"), np.nan)
