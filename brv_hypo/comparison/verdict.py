@@ -131,7 +131,7 @@ def judge(
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    reason = _undecided(verdict, leader, outside) if decision.predicts else _unpredicted(verdict, leader, null, fit)
+    reason = _undecided(verdict, outside) if decision.predicts else _unpredicted(verdict, leader, null, fit, outside)
     if confirmed < whole.chances[leader.name]:
         reason += (
             f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
@@ -319,7 +319,7 @@ def with_gaps(verdict: Verdict, leader: str, acts: tuple[float, float], gaps: Se
     return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
-def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit) -> str:
+def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit, outside: Sequence[Candidate]) -> str:
     found, lacks = verdict.explained, list[str]()
     if fit.explains <= 0.0 or (found is not None and found.interval_95[0] <= 0.0):
         lacks.append("explains nothing significant of what the baseline does not")
@@ -328,18 +328,25 @@ def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit)
         lacks.append(f"explains less than processes do{sizes}")
     if np.sum(leader.held_out) <= np.sum(null.held_out):
         lacks.append("predicts stretches of the record from the others no better than baseline and processes")
-    largest = f"{leader.name} has the largest evidence (probability {_share(verdict.probability[leader.name])})"
-    return f"The data do not name one hypothesis: {largest}, but it {', and '.join(lacks)}."
+    chance, other = verdict.probability[leader.name], verdict.probability[OTHER]
+    largest = f"{leader.name} has the largest evidence (probability {_share(chance)})"
+    said = f"The data do not name one hypothesis: {largest}, but it {', and '.join(lacks)}."
+    return said if other < chance else f"{said} Likelier ({_share(other)}) is {_something_else(outside).rstrip(',')}."
 
 
-def _undecided(verdict: Verdict, leader: Candidate, outside: Sequence[Candidate]) -> str:
+def _undecided(verdict: Verdict, outside: Sequence[Candidate]) -> str:
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
-    best = max(outside, key=lambda candidate: candidate.level, default=None)
-    other = "something else" if best is None else f"something else, such as {best.words},"
+    other = _something_else(outside)
     shares = ", ".join(
         f"{other if name == OTHER else hypothesis(name)} {_share(verdict.probability[name])}" for name in names
     )
     return f"The data do not distinguish these: {shares}."
+
+
+def _something_else(outside: Sequence[Candidate]) -> str:
+    """What is not on the list, by its likeliest."""
+    best = max(outside, key=lambda candidate: candidate.level, default=None)
+    return "something else" if best is None else f"something else, such as {best.words},"
 
 
 def _share(chance: float) -> str:

@@ -280,6 +280,17 @@ def test_what_explains_nothing_significant_is_not_named(fit: Fit, why: str) -> N
     assert verdict.reason.endswith(f"(probability above 0.99), but it {why}")
 
 
+@pytest.mark.parametrize(("level", "likelier"), [(38.0, False), (41.5, True)])
+def test_what_is_likelier_than_the_leader_is_said(level: float, likelier: bool) -> None:
+    verdict = said(NULL, LAG, outside=[side(level)], fit=Fit(1.0, ROWS, 0.0))
+    other = verdict.probability[OTHER]
+    assert (other > verdict.probability["lag"]) == likelier
+    assert verdict.outcome == "undecided"
+    words = f" Likelier ({other:.2f}) is something else, such as {SIDE}."
+    assert verdict.reason.endswith(words) == likelier
+    assert ("Likelier" in verdict.reason) == likelier
+
+
 def test_all_stretches_count_together() -> None:
     """One that is predicted far worse outweighs many that are predicted a little better."""
     worse = np.array([0.1] * (STRETCHES - 1) + [-5.0])
