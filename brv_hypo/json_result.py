@@ -16,7 +16,7 @@ _OF_EVERY_MODEL = frozenset(dir(BaseModel))
 class NullIsNaN(BaseModel):
     """A part of a result: where a field is a number, or a mapping of names to numbers, null means not a number."""
 
-    model_config = ConfigDict(frozen=True, populate_by_name=True)
+    model_config = ConfigDict(frozen=True, populate_by_name=True, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod

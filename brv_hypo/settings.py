@@ -8,17 +8,21 @@ every setting has its default, below its meaning, which is the description of th
 from __future__ import annotations
 
 import inspect
+import re
+import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from inspect import formatannotation
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import to_json
 
 from brv_hypo.errors import UsageError
 from brv_hypo.io.mappings import read_yaml
-from brv_hypo.io.text import meant, one_line
+from brv_hypo.io.text import meant, nearest, one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -73,7 +77,10 @@ def problems_of(
             field = fields.get(str(location[0])) if location else None
             words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
             about = f" ({location[0]}: {words})" if words else ""
-            message = detail["msg"].removeprefix("Value error, ")
+            message = detail["msg"].removeprefix("Value error, ").rstrip(".").partition(", unable to")[0]
+            message = message.replace("Input should be", "expected", 1)
+            if detail["type"] == "literal_error" and (near := nearest(str(value), message.split("'")[1::2])):
+                message += f" (is '{near[0]}' meant?)"
             found.append(f"'{place}': {message}{'' if isinstance(value, dict) else got}{about}")
     return "; ".join(found)
 
@@ -93,29 +100,42 @@ FlightRecordError
     A record cannot be read or is invalid."""
 
 
+class _Shown:
+    """A default in a signature: "..." where it is the configuration's, or long."""
+
+    def __init__(self, field: FieldInfo) -> None:
+        default = ... if field.is_required() else field.get_default(call_default_factory=True)
+        self.text = repr(default) if default is None or isinstance(default, str | int | float | tuple) else "..."
+
+    def __repr__(self) -> str:
+        return self.text
+
+
 def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Function], Function]:
     """Name the settings in signature and docstring of a function that takes them as `**settings`, for completion.
 
     The docstring, of which only the text, `Returns` and `Examples` are written out, becomes one of numpydoc: with its
     parameters, as `parameters` describe them beside those that functions share, the settings, and what all raise.
-    Type checkers have the settings from a TypedDict beside the model.
+    Type checkers have the settings from a TypedDict beside the model; the signature that `help` prints has names and
+    simple defaults, the docstring the types.
     """
 
     def decorate(function: Function) -> Function:
         declared, meanings, fields = inspect.signature(function), {**_SHARED, **parameters}, model.model_fields
-        own = [each for each in declared.parameters.values() if each.kind is not inspect.Parameter.VAR_KEYWORD]
-        named = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, annotation=f.annotation,
-                                   default=... if f.is_required() else f.get_default(call_default_factory=True))
-                 for n, f in fields.items()]  # fmt: skip
-        function.__signature__ = declared.replace(parameters=[*own, *named])  # type: ignore[attr-defined]
+        *own, keywords = declared.parameters.values()
+        typed = vars(sys.modules[model.__module__])[str(keywords.annotation).removeprefix("Unpack[").rstrip("]")]
+        for name, kind in get_type_hints(typed).items():
+            words = " ".join((fields[name].description or "See the class.").split())
+            meanings[name] = re.sub(r"\b(?:\w+\.)+", "", formatannotation(kind)) + f"\n    {words}"
+        signed = [each.replace(annotation=each.empty) for each in own]
+        signed += [inspect.Parameter(n, keywords.KEYWORD_ONLY, default=_Shown(f)) for n, f in fields.items()]
+        function.__signature__ = inspect.Signature(signed)  # type: ignore[attr-defined]
         text, _, rest = inspect.cleandoc(function.__doc__ or "").partition("\n\nReturns\n-------\n")
         returns, _, examples = rest.partition("\n\nExamples\n--------\n")
         sections = {
             "Parameters": "\n".join(f"{each.name} : {meanings[each.name]}" for each in own),
             "Returns": returns,
-            "Other Parameters": "\n".join(
-                f"{n}\n    {' '.join((f.description or 'See the class.').split())}" for n, f in fields.items()
-            ),
+            "Other Parameters": "\n".join(f"{name} : {meanings[name]}" for name in fields),
             "Raises": _RAISES,
             "Examples": examples,
         }

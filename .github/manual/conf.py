@@ -7,6 +7,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 from brv_hypo import __version__, docs
+from brv_hypo.docs.manual import generated
 
 # Sphinx reads below this folder alone.
 shutil.copytree(
@@ -15,6 +16,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns("*.py", "__pycache__"),
     dirs_exist_ok=True,
 )
+(Path(__file__).parent / "topics" / "results.md").write_text(generated("results"), encoding="utf-8")
 project, release = "brv-hypo", __version__
 copyright = "the owner: all rights are reserved"
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb"]
@@ -29,7 +31,7 @@ nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # the site loads nothing from 
 
 def linked(app: Sphinx, document: str, source: list[str]) -> None:
     """Make a link of `brv-hypo docs TOPIC` and `docs TOPIC` in a topic."""
-    names = "|".join(docs.topics())
+    names = "|".join((*docs.topics(), "results"))
     if document.startswith("topics/"):
         source[0] = re.sub(rf"(?<!`)`((?:brv-hypo )?docs ({names}))`(?!`)", r"{doc}`\1 <\2>`", source[0])
 

@@ -242,6 +242,6 @@ def study(
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.draw.key}: {first.reason}")
-    session.show(document, conclusion=document.conclusion)
+    session.show(document, conclusion=document.line)
     session.show(f"Wrote results.csv, summary.json and report.html to {output}.")
     session.write_json(summary)

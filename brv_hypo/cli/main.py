@@ -47,12 +47,12 @@ def listing(session: Session, context: typer.Context) -> None:
         return
     session.claim()
     from brv_hypo.mechanisms import installed
-    from brv_hypo.report.listings import listing_data, listing_table, plantable_texts
+    from brv_hypo.report.listings import kind_texts, listing_data, listing_table, plantable_texts
     from brv_hypo.simulation import config_names, load_config
 
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
-    tables = (listing_table(found, verbose=session.verbose), plantable_texts(plantable))
+    tables = (listing_table(found, verbose=session.verbose), kind_texts(), plantable_texts(plantable))
     session.show(*tables, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))
@@ -210,23 +210,23 @@ def docs(
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
-    from brv_hypo.docs import REFERENCE, text, topics
+    from brv_hypo.docs import GENERATED, text, topics
 
     if notebooks is not None:
         _write_notebooks(session, notebooks)
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
-        from brv_hypo.docs.manual import ManualText, reference
+        from brv_hypo.docs.manual import ManualText, generated
 
-        known = {**topics(), REFERENCE: "Functions of the library"}
+        known = {**topics(), **GENERATED}
         listed = "\n".join(f"- `{name}`: {title}" for name, title in known.items())
         page = (
             f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
             "`brv-hypo docs --open` opens it as pages, with a gallery."
         )
         if topic is not None:
-            page = reference() if topic == REFERENCE else text(topic)
+            page = generated(topic) if topic in GENERATED else text(topic)
         session.show(ManualText(page), conclusion=page)
 
 

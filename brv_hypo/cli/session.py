@@ -285,7 +285,7 @@ class Session:
     figures: Annotated[
         Path | None, Option("--figures", metavar="DIR", help="Write every figure as PNG and SVG; needs matplotlib.")
     ] = None
-    quiet: Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")] = False
+    quiet: Annotated[bool, Option("-q", "--quiet", help="Print the outcome alone, in one line.")] = False
     verbose: Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")] = False
     force: Annotated[bool, Option("--force", help="Overwrite output files that exist.")] = False
     plugin: Annotated[
@@ -340,8 +340,10 @@ class Session:
         for part in (conclusion,) if self.quiet else parts:
             if isinstance(part, Document):
                 console.print(terminal_view(part, verbose=self.verbose))
+            elif isinstance(part, Table | Texts):
+                console.print(blocks_view((part,), self.verbose))
             else:
-                console.print(blocks_view((part,), self.verbose) if isinstance(part, Table | Texts) else part)
+                console.print(part, soft_wrap=self.quiet)
 
     def warn(self, message: str) -> None:
         """One line on standard error."""
@@ -362,7 +364,7 @@ class Session:
         self, document: Document, result: Any, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
     ) -> None:
         """Print a document; write the result as JSON, report and picture files, where they were requested."""
-        self.show(document, conclusion=document.conclusion)
+        self.show(document, conclusion=document.line)
         self.write_json(result)
         if self.report is not None:
             from brv_hypo.report.html import page

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import estimated, hypothesis, number, percent, times
+from brv_hypo.io.text import below_noise, estimated, hypothesis, number, percent, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL, NORMAL_95
 
+OTHER = "other"  # what is on no list, beside the names of hypotheses
 DAMPING = "C_damping"  # negative: it takes energy out of the motion
 BEYOND_NAMED = 3  # of what is beyond its tolerance
 _FAR_MORE = 1.5  # times an error that its tolerance draws to nothing: the data alone give far more
@@ -30,52 +31,47 @@ BUT_MARKED = ", but no value that is marked *"
 class TermEstimate(NullIsNaN):
     """One fitted coefficient: value, standard error and partial F-ratio, with its region and delay in s."""
 
-    name: str
-    mechanism: str
-    channel: str
-    value: float
-    std_error: float
-    f_ratio: float
-    units: str
-    region_s: Interval | None = None
-    delay_s: float | None = None
+    name: str = Field(description="what the coefficient is of, as `jump in eps`")
+    mechanism: str = Field(description="which it belongs to; `baseline`, `record`")
+    channel: str = Field(description="plane of its moment: in-plane, out-of-plane, both; of an error the instrument")
+    value: float = Field(description="as fitted, in `units`")
+    std_error: float = Field(description="1 sigma")
+    f_ratio: float = Field(description="of the coefficient alone: (value / std_error)²")
+    units: str = Field(description="`1`: dimensionless")
+    region_s: Interval | None = Field(default=None, description="when it acts, s; null: throughout")
+    delay_s: float | None = Field(default=None, description="by which the moment acts late, s; null: at once")
 
 
 class DerivedEstimate(NullIsNaN):
     """A quantity derived from coefficients of one region, such as phi_b."""
 
-    name: str
-    value: float
-    std_error: float
-    units: str
-    region_s: Interval | None = None
+    name: str = Field(description="as `phi_b`, `delay`, `first knot`")
+    value: float = Field(description="in `units`")
+    std_error: float = Field(description="1 sigma")
+    units: str = Field(description="`1`: dimensionless")
+    region_s: Interval | None = Field(default=None, description="of which region's coefficients, s; null: of no one's")
 
 
 class Knot(NullIsNaN):
-    """A time at which a coefficient of several flights begins, changes or ends. `time_s` is in the time of the
-    reference flight; `flights_s` are all flights' own times at the same `mach` number, None for a flight that does not
-    come by it.
-    """
+    """A time at which a coefficient of several flights begins, changes or ends."""
 
-    time_s: float
-    mach: float
-    flights_s: tuple[float | None, ...]
+    time_s: float = Field(description="on the reference flight, s")
+    mach: float = Field(description="Mach number that all flights share")
+    flights_s: tuple[float | None, ...] = Field(description="each flight's own time, s; null: it does not reach it")
 
 
 class MaximumLikelihood(NullIsNaN):
-    """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors.
-    `knots`: as those of `RankedHypothesis`.
-    """
+    """The likelihood fit of one hypothesis."""
 
-    status: str
-    iterations: int
-    log_likelihood: float | None
-    terms: tuple[TermEstimate, ...] = ()
-    derived: tuple[DerivedEstimate, ...] = ()
-    instrument: tuple[TermEstimate, ...] = ()
-    knots: tuple[Knot, ...] = ()
-    seconds: float = 0.0
-    message: str = ""
+    status: str = Field(description="`converged`, or why the fit is not to be quoted")
+    iterations: int = Field(description="of Gauss and Newton")
+    log_likelihood: float | None = Field(description="natural logarithm, at the maximum")
+    terms: tuple[TermEstimate, ...] = Field(default=(), description="coefficients")
+    derived: tuple[DerivedEstimate, ...] = Field(default=(), description="delays and knots")
+    instrument: tuple[TermEstimate, ...] = Field(default=(), description="errors of the record")
+    knots: tuple[Knot, ...] = Field(default=(), description="as in `ranking`")
+    seconds: float = Field(default=0.0, description="elapsed, s")
+    message: str = Field(default="", description="what the fit says of itself")
 
     @property
     def trouble(self) -> str:
@@ -86,14 +82,12 @@ class MaximumLikelihood(NullIsNaN):
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s, of the reference flight). `collinear_groups`: names
-    of values that are nearly collinear with each other.
-    """
+    """The net values of a hypothesis between two of its knots."""
 
-    start_s: float
-    stop_s: float
-    values: tuple[TermEstimate, ...]
-    collinear_groups: tuple[tuple[str, ...], ...] = ()
+    start_s: float = Field(description="its first knot, s of the reference flight")
+    stop_s: float = Field(description="its last, s")
+    values: tuple[TermEstimate, ...] = Field(description="net coefficients: sums of jumps and ramps")
+    collinear_groups: tuple[tuple[str, ...], ...] = Field(default=(), description="names of nearly collinear values")
 
     @property
     def acts(self) -> bool:
@@ -106,46 +100,34 @@ class NetInterval(NullIsNaN):
 
 
 class RankedHypothesis(NullIsNaN):
-    """One hypothesis as fitted and scored. `f_ratio` is of the mechanism's terms together against the baseline (None
-    for `none`), `cp` Mallows' C_p against the largest model compared, `prediction_error` the mean square error of the
-    moment coefficients on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
-    `log_likelihood` are at `n_effective` samples: the whitened rows of all channels, averaged where noise is white, as
-    independent as whitening makes them; what it does not reach lowers the weight of evidence instead. `criteria`: the
-    seven of 3.3.2 and the usual others. `knots` are the ends of the regions of `terms` by Mach number, where flights
-    share them by it; empty elsewhere.
-    """
+    """One hypothesis as fitted and scored."""
 
-    rank: int
-    mechanism: str
-    f_ratio: float | None
-    cp: float
-    prediction_error: float
-    prediction_ratio: float
-    r2: float
-    bic: float
-    log_likelihood: float
-    log_evidence: float = float("nan")
-    """Over that of the baseline only, processes beside both, weighted, less the price of what acts."""
-    n_terms: int
-    n_effective: float
-    terms: tuple[TermEstimate, ...]
-    intervals: tuple[NetInterval, ...] = ()
-    derived: tuple[DerivedEstimate, ...] = ()
-    knots: tuple[Knot, ...] = ()
-    criteria: dict[str, float] = Field(default_factory=dict)
-    status: Literal["ok", "term limit"] = "ok"
-    impossible: str = ""
-    """Which value no body can have, if any, the fit without processes has, of which F-ratio, C_p and errors are."""
-    notes: tuple[str, ...] = ()
-    held_out_gain: float = float("nan")
-    """ln of the predictive density of each stretch of time given the others, over the baseline only's; weighted."""
-    held_out_gain_std_error: float = float("nan")
-    share_of_moment: float = float("nan")
-    """The rms moment of its terms beside processes, over the record's, with its standard error."""
-    share_std_error: float = float("nan")
-    share_beside_processes: float = float("nan")
-    """Of the squares that its terms and processes make: errors are by its root larger than the likelihood's."""
-    ml: MaximumLikelihood | None = None
+    rank: int = Field(description="1: the largest evidence")
+    mechanism: str = Field(description="name of the hypothesis; `none`: baseline only")
+    f_ratio: float | None = Field(description="of its terms together, no processes; null for `none`")
+    cp: float = Field(description="Mallows' C_p, no processes, against the largest model compared")
+    prediction_error: float = Field(description="mean square of moment coefficients on held-out blocks, no processes")
+    prediction_ratio: float = Field(description="`prediction_error` over that of `none`")
+    r2: float = Field(description="share of the weighted squares that the fit without processes explains")
+    bic: float = Field(description="extended BIC at `n_effective` samples")
+    log_likelihood: float = Field(description="at `n_effective` samples, no processes")
+    log_evidence: float = Field(default=float("nan"), description="over baseline only's; with processes, price, weight")
+    n_terms: int = Field(description="coefficients besides baseline and processes")
+    n_effective: float = Field(description="whitened rows of all channels, averaged where noise is white")
+    terms: tuple[TermEstimate, ...] = Field(description="jumps and ramps as fitted")
+    intervals: tuple[NetInterval, ...] = Field(default=(), description="net values between knots")
+    derived: tuple[DerivedEstimate, ...] = Field(default=(), description="delays, knots, what follows from terms")
+    knots: tuple[Knot, ...] = Field(default=(), description="ends of regions by Mach number, if flights share them")
+    criteria: dict[str, float] = Field(default_factory=dict, description="of subset selection, by name (page `theory`)")
+    status: Literal["ok", "term limit"] = Field(default="ok", description="`term limit`: search came to `max_terms`")
+    impossible: str = Field(default="", description="value that no body can have, if any, in the fit without processes")
+    notes: tuple[str, ...] = Field(default=(), description="on its fit")
+    held_out_gain: float = Field(default=float("nan"), description="nats over baseline only: each twelfth given others")
+    held_out_gain_std_error: float = Field(default=float("nan"), description="1 sigma, nats")
+    share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
+    share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
+    share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
+    ml: MaximumLikelihood | None = Field(default=None, description="fit by maximum likelihood; null: none was made")
 
     @property
     def size(self) -> str:
@@ -163,81 +145,67 @@ class RankedHypothesis(NullIsNaN):
 class FlightSummary(NullIsNaN):
     """The part of a record that was compared."""
 
-    path: str
-    samples: int
-    start_s: float
-    stop_s: float
-    sample_rate_hz: float
-    title: str = ""
-    instruments: str = ""
-    """The grade of the tolerances, and how many are stated."""
-    vehicle: dict[str, float] = Field(default_factory=dict)
-    """Mass, inertias, reference length and area, SI; `inertia` and `inertia_ratio` are relative tolerances."""
-    notes: tuple[str, ...] = ()
+    path: str = Field(description="of the record")
+    samples: int = Field(description="used")
+    start_s: float = Field(description="first sample used, s")
+    stop_s: float = Field(description="last, s")
+    sample_rate_hz: float = Field(description="Hz")
+    title: str = Field(default="", description="of the record")
+    instruments: str = Field(default="", description="grade of the tolerances, and how many are stated")
+    vehicle: dict[str, float] = Field(default_factory=dict, description="SI; `inertia`, `inertia_ratio`: tolerances")
+    notes: tuple[str, ...] = Field(default=(), description="how the record was read")
 
 
 class ReconstructionSummary(NullIsNaN):
-    """How well the motion is known that a model is linear about. `moved_rad`: how far it is from that of the
-    instruments alone, 1 sigma in any direction (rms), which the standard deviations include.
-    """
+    """How well the motion is known that a model is linear about."""
 
-    method: str
-    alpha_rms_sigma_rad: float | None
-    phi_w_rms_sigma_rad: float | None
-    moved_rad: float = 0.0
-    warnings: tuple[str, ...] = ()
+    method: str = Field(description="of reconstruction")
+    alpha_rms_sigma_rad: float | None = Field(description="rms standard deviation of alpha, rad")
+    phi_w_rms_sigma_rad: float | None = Field(description="of the windward meridian, rad")
+    moved_rad: float = Field(default=0.0, description="distance from the motion of the instruments alone, rms, rad")
+    warnings: tuple[str, ...] = Field(default=(), description="what limits the motion")
 
 
 class BaselineSummary(NullIsNaN):
     """The terms that are fitted along with every hypothesis, as the likeliest has them."""
 
-    terms: tuple[TermEstimate, ...]
+    terms: tuple[TermEstimate, ...] = Field(description="of every hypothesis, as fitted by the leader")
 
 
 class Adequacy(NullIsNaN):
-    """`ratio`: rms residual of the leader, beside all processes and errors within tolerances, over the record's noise.
-    `p_value`: probability of so large a ratio where the record states its noise well; it decides nothing. `adequate`:
-    what the residual has beyond the noise is less than the leader explains, or than the noise; something outside the
-    list has no probability of 0.9 or more; and the leader needs no value that no body has.
+    """Adequate: what the residual has beyond the noise is less than the leader explains, or than the noise; something
+    outside the list has no probability of 0.9 or more; and the leader needs no value that no body has.
     """
 
-    ratio: float
-    p_value: float
-    adequate: bool
+    ratio: float = Field(description="rms residual of the leader with processes, over the noise's")
+    p_value: float = Field(description="of a ratio as large where the stated noise is right; it decides nothing")
+    adequate: bool = Field(description="whether the leader is (page `verdict`)")
 
 
 class Explained(NullIsNaN):
-    """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
-    `share` + `unexplained` is 1: what the leader does not explain is due to `processes` and `noise`. `interval_95` of
-    the share.
-    """
+    """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not."""
 
-    share: float
-    unexplained: float
-    interval_95: Interval
-    processes: float
-    noise: float
+    share: float = Field(description="of the mean square that the baseline leaves, what the leader explains")
+    unexplained: float = Field(description="1 - `share`: `processes` + `noise`")
+    interval_95: Interval = Field(description="of `share`")
+    processes: float = Field(description="what processes explain")
+    noise: float = Field(description="noise and lack of fit")
 
 
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 
 
 class ProcessEstimate(NullIsNaN):
-    """A process beside the leader: rms `size` with its standard error, in `units`. `size`: the rms of the moment
-    coefficient that it makes, of instruments and air that of its splines' coefficients. `share_of_moment`: that over
-    the moment's rms, of instruments and air by the rates that they make. `tolerance`: one unit of its amplitude, an
-    ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a simulation plants it again,
-    under `mechanisms` or `instruments.errors`; empty of one below `LEAST_PROCESS`.
-    """
+    """A process beside the leader; `planted` goes under `mechanisms` or `instruments.errors` of a simulation."""
 
-    name: str
-    family: str
-    size: float
-    std_error: float
-    units: str
-    share_of_moment: float
-    tolerance: float
-    planted: dict[str, float] = Field(default_factory=dict)
+    name: str = Field(description="of the process")
+    family: str = Field(description="kind of its cause")
+    size: float = Field(description="rms of its moment coefficient; of instruments and air of its splines'")
+    std_error: float = Field(description="1 sigma of `size`")
+    units: str = Field(description="of `size`, `std_error`, `tolerance`; `1`: a moment coefficient")
+    share_of_moment: float = Field(description="over the moment's rms; of instruments and air by their rates")
+    tolerance: float = Field(description="an ordinary size")
+    planted: dict[str, float] = Field(default_factory=dict, description="as `simulate` plants it; empty of a small one")
 
     @property
     def is_of_moment(self) -> bool:
@@ -252,33 +220,27 @@ class ProcessEstimate(NullIsNaN):
 
 
 class MechanismLimit(NullIsNaN):
-    """The largest share of the moment's rms that a mechanism may have, at 95 %, and that as an rms moment coefficient;
-    `share_in_part_95` where it does not act throughout, as trim and the baseline do (NaN of the leader). NaN where
-    nothing is adequate, or the record says nothing of the mechanism's size. `coefficients_95`: by term the largest size
-    of its coefficient if the mechanism acts for a quarter of the record or longer beside the leader, not always; empty
-    of the leader, and of mechanisms with a delay. `share_of_moment`: that of the leader as estimated, with its standard
-    error; NaN of others.
+    """How large a mechanism may be, at 95 %. NaN where nothing is adequate, or the record says nothing of its size.
+    `coefficients_95` is empty of the leader, and of mechanisms with a delay.
     """
 
-    mechanism: str
-    share_of_moment_95: float = float("nan")
-    share_in_part_95: float = float("nan")
-    coefficient_95: float = float("nan")
-    coefficients_95: dict[str, float] = Field(default_factory=dict)
-    share_of_moment: float = float("nan")
-    share_std_error: float = float("nan")
+    mechanism: str = Field(description="name of the hypothesis")
+    share_of_moment_95: float = Field(default=float("nan"), description="largest rms over the moment's; null: withheld")
+    share_in_part_95: float = Field(default=float("nan"), description="if it does not act throughout; not of leaders")
+    coefficient_95: float = Field(default=float("nan"), description="`share_of_moment_95` as an rms moment coefficient")
+    coefficients_95: dict[str, float] = Field(default_factory=dict, description="by term, for a quarter or longer")
+    share_of_moment: float = Field(default=float("nan"), description="of the leader, as estimated")
+    share_std_error: float = Field(default=float("nan"), description="1 sigma of it")
 
 
 class RecordError(NullIsNaN):
-    """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`. `std_error`: beside a model
-    that is known. The `name` has the flight's number where there are several.
-    """
+    """An error of record or vehicle as the leader has it."""
 
-    name: str
-    value: float
-    std_error: float
-    units: str
-    tolerance: float
+    name: str = Field(description="effect and component; with the flight's number where there are several")
+    value: float = Field(description="in `units`, as the leader has it")
+    std_error: float = Field(description="1 sigma beside a model that is known")
+    units: str = Field(description="`1`: dimensionless")
+    tolerance: float = Field(description="1 sigma, as the record or `--instruments` states it")
     without_tolerance: float = Field(default=np.nan, description="value by the data alone; null where they give none")
 
     @property
@@ -342,43 +304,39 @@ def far_beyond(errors: Sequence[RecordError]) -> str:
 class SizedModel(NullIsNaN):
     """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
 
-    n_terms: int
-    n_coefficients: int
-    cp: float
-    terms: tuple[str, ...]
+    n_terms: int = Field(description="of the leader's")
+    n_coefficients: int = Field(description="with those of the baseline: p of C_p over p")
+    cp: float = Field(description="Mallows' C_p")
+    terms: tuple[str, ...] = Field(description="best subset of that size")
 
 
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` has all that may be right. `described`: of an
-    undecided outcome, the mechanism that is as probable as a name, and is no established cause.
-    """
+    """What the flights say of the hypotheses."""
 
-    winner: str | None
-    outcome: Outcome
-    described: str | None = None
-    equivalent: tuple[str, ...]
-    probability: dict[str, float]
-    adequacy: Adequacy | None = None
-    explained: Explained | None = None
-    processes: tuple[ProcessEstimate, ...] = ()
-    """Largest first."""
-    limits: tuple[MechanismLimit, ...] = ()
-    stability: float | None = None
-    same_leader: float = 1.0
-    """Share of the repetitions in which the same hypothesis leads, whatever the outcome."""
-    reason: str
+    winner: str | None = Field(description="hypothesis that is named; null unless `outcome` is `named`")
+    outcome: Outcome = Field(description="`named`, `undecided`, `none adequate` or `record fault`")
+    described: str | None = Field(default=None, description="if `undecided`: as probable as a name, but no cause")
+    equivalent: tuple[str, ...] = Field(description="all hypotheses that may be right")
+    probability: dict[str, float] = Field(description="by hypothesis and `other`: sums to 1")
+    adequacy: Adequacy | None = Field(default=None, description="of the leader")
+    explained: Explained | None = Field(default=None, description="shares of the baseline's residual")
+    processes: tuple[ProcessEstimate, ...] = Field(default=(), description="beside the leader, largest first")
+    limits: tuple[MechanismLimit, ...] = Field(default=(), description="how large each mechanism may be")
+    stability: float | None = Field(default=None, description="share of repetitions with the same outcome and name")
+    same_leader: float = Field(default=1.0, description="share of repetitions in which the same hypothesis leads")
+    reason: str = Field(description="the outcome in a sentence")
 
 
 class Seconds(NullIsNaN):
     """Wall-clock time of each stage, s."""
 
-    reconstruct: float
-    select: float
-    ml: float
-    total: float
+    reconstruct: float = Field(description="of the motion, s")
+    select: float = Field(description="of terms, processes and evidence, s")
+    ml: float = Field(description="of maximum likelihood, s")
+    total: float = Field(description="of all, s")
 
 
 class MotionHistories(NullIsNaN):
@@ -424,29 +382,23 @@ class Series(MotionHistories):
 
 
 class Comparison(HasCharts, Result):
-    """The ranking of the hypotheses with its verdict. `reference_flight`: number (from 1) of the one of several flights
-    in whose time regions and knots are given; None for one flight, and where all have the same clock. The `flight` of
-    `functions` counts from 0. `disagreements` say where criteria put different hypotheses first.
-    """
+    """The ranking of the hypotheses with its verdict."""
 
-    schema_: str = Field(default="brv-hypo/compare/1", alias="schema")
-    flights: tuple[FlightSummary, ...]
-    reference_flight: int | None = None
-    reconstruction: ReconstructionSummary
-    baseline: BaselineSummary
-    record: RecordTrial = RecordTrial()
-    ranking: tuple[RankedHypothesis, ...]
-    verdict: Verdict
-    seconds: Seconds
-    warnings: tuple[str, ...] = ()
-    disagreements: tuple[str, ...] = ()
-    record_errors: tuple[RecordError, ...] = ()
-    """The largest in tolerances first."""
-    best_by_size: tuple[SizedModel, ...] = ()
-    collinear: tuple[str, ...] = ()
-    """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
-    collinear_groups: tuple[tuple[str, ...], ...] = ()
-    """Those that these pairs link together."""
+    schema_: str = Field(default="brv-hypo/compare/1", alias="schema", description="`brv-hypo/compare/1`")
+    flights: tuple[FlightSummary, ...] = Field(description="that were compared")
+    reference_flight: int | None = Field(default=None, description="number (from 1) of the one whose clock times have")
+    reconstruction: ReconstructionSummary = Field(description="of the motion about the leader")
+    baseline: BaselineSummary = Field(description="of every hypothesis")
+    record: RecordTrial = Field(default=RecordTrial(), description="faults of the records")
+    ranking: tuple[RankedHypothesis, ...] = Field(description="hypotheses, largest evidence first")
+    verdict: Verdict = Field(description="the answer")
+    seconds: Seconds = Field(description="elapsed")
+    warnings: tuple[str, ...] = Field(default=(), description="what limits the result")
+    disagreements: tuple[str, ...] = Field(default=(), description="where criteria put different hypotheses first")
+    record_errors: tuple[RecordError, ...] = Field(default=(), description="of the leader, largest in tolerances first")
+    best_by_size: tuple[SizedModel, ...] = Field(default=(), description="best of the leader's terms, by their number")
+    collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients: correlation (inflations)")
+    collinear_groups: tuple[tuple[str, ...], ...] = Field(default=(), description="names that these pairs link")
     functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict)
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
@@ -491,7 +443,7 @@ class Comparison(HasCharts, Result):
             rest = f"processes {percent(found.processes)} %, {noise} {percent(found.noise)} %"
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if fits is not None:
-            within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms)"
+            within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms){below_noise(fits.ratio)}"
             of_answer, of_leader = (self.verdict.stability, "answer"), (self.verdict.same_leader, "leader")
             stable, answer = of_leader if self.verdict.outcome == "undecided" else of_answer
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same {answer}"
@@ -537,17 +489,24 @@ class Comparison(HasCharts, Result):
         return f"{best} acts from {times(*ends)}{known}.{size}"
 
     def rows(self) -> Sequence[Row]:
-        """One row for each hypothesis, likeliest first, with its criteria and probability."""
+        """One row for each hypothesis, by rank, and last `other`, which has a probability alone.
+
+        `mechanism` as on the page: "baseline only" is `none` of JSON and `ranking`. `probability` sums to 1 over all
+        rows. `log_evidence` to `log_likelihood`: as in `ranking`. `share_of_moment_95`: of `limits`.
+        """
         probability = self.verdict.probability
         limits = {limit.mechanism: limit.share_of_moment_95 for limit in self.verdict.limits}
         criteria = ("log_evidence", "n_terms", "f_ratio", "cp", "prediction_error", "prediction_ratio", "r2", "bic")
-        return [
+        rows: list[dict[str, Any]] = [
             {
                 "rank": row.rank,
-                "mechanism": row.mechanism,
+                "mechanism": hypothesis(row.mechanism),
                 "probability": probability.get(row.mechanism),
                 **{name: getattr(row, name) for name in (*criteria, "log_likelihood")},
                 "share_of_moment_95": limits.get(row.mechanism),
             }
             for row in self.ranking
         ]
+        if OTHER in probability:
+            rows.append(dict.fromkeys(rows[0]) | {"mechanism": OTHER, "probability": probability[OTHER]})
+        return rows

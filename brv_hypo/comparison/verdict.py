@@ -11,7 +11,16 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, Outcome, ProcessEstimate, RecordError, Verdict, far_beyond
+from brv_hypo.comparison.result import (
+    OTHER,
+    Adequacy,
+    Explained,
+    Outcome,
+    ProcessEstimate,
+    RecordError,
+    Verdict,
+    far_beyond,
+)
 from brv_hypo.io.text import error_share, hypothesis, number, percent, times
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
@@ -20,7 +29,6 @@ FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict se
 # Nats as they count beside small processes, from which a second mechanism is fitted: of two that act 200 to 9,000, of
 # one up to 132 (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
-OTHER = "other"
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes replace something
 NONE = "none"
 NO_CAUSE = "is no established cause"

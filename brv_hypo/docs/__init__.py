@@ -17,7 +17,8 @@ _GALLERY = (
 )
 
 
-REFERENCE = "functions"  # the topic of all functions of the library, which `manual` makes of their docstrings
+GENERATED = {"functions": "Functions of the library", "results": "Keys of results in JSON"}
+"""Topics that `manual` makes of docstrings and of the fields' descriptions, with their titles."""
 
 
 def topics() -> dict[str, str]:
@@ -45,7 +46,7 @@ def text(topic: str) -> str:
         pages = [name.removesuffix(".ipynb") for name in _GALLERY]
         if topic in pages:
             raise UsageError(f"'{topic}' is a notebook: `brv-hypo docs {topic} --open` shows it as a page.")
-        known = [*topics(), REFERENCE]
+        known = [*topics(), *GENERATED]
         hint = meant(topic, (*known, *pages), "", 0.5)
         raise UsageError(
             f"the manual has no topic '{topic}'; {hint and hint + ' '}it has {', '.join(known)}, and with --open "

@@ -25,7 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from brv_hypo import __all__, __version__
-from brv_hypo.docs import REFERENCE, file_of, notebooks, text, topics
+from brv_hypo.docs import GENERATED, file_of, notebooks, text, topics
 
 
 class _WholeTable(TableElement):
@@ -71,6 +71,12 @@ _FUNCTIONS = (
     *map("brv_hypo.comparison.Comparison.{}".format, ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
     *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
 )
+RESULTS = {
+    "compare": "comparison.Comparison",
+    "trace": "tracing.Trace",
+    "predict": "prediction.Prediction",
+    "study": "study.statistics.StudySummary",
+}
 FIRST = "start"  # the page that opens first
 
 
@@ -86,9 +92,9 @@ def site() -> dict[str, str]:
     books = {name.removesuffix(".ipynb"): json.loads(content)["cells"] for name, content in notebooks().items()}
     articles = {name: markdown.render(text(name)) for name in topics()}
     articles |= {name: render("book.html.j2", cells=cells, markdown=markdown.render) for name, cells in books.items()}
-    articles[REFERENCE] = markdown.render(reference())
+    articles |= {name: markdown.render(generated(name)) for name in GENERATED}
     titles = {name: article.partition("<h1>")[2].partition("</h1>")[0] for name, article in articles.items()}
-    groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [REFERENCE]}
+    groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [*GENERATED]}
     written, sections = {}, []
     for name, article in articles.items():
         first, *rest = re.split("<h2>(.*?)</h2>", article)
@@ -117,7 +123,27 @@ def _code(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: 
     return f'<a href="{topic[1]}.html">{code}</a>' if topic else code
 
 
-def reference() -> str:
+def generated(topic: str) -> str:
+    """One of `GENERATED` as Markdown."""
+    return {"functions": _functions, "results": _results}[topic]()
+
+
+def _results() -> str:
+    """Every key of what `--json` writes, of the descriptions of the fields."""
+    parts = {"": "# Results in JSON\n\nA key's type is in parentheses where it holds keys of its own, a table below."}
+    for command, name in RESULTS.items():
+        model: Any = locate(f"brv_hypo.{name}")
+        schema = model.model_json_schema(by_alias=True, mode="serialization")
+        for title, part in {command: schema, **schema["$defs"]}.items():
+            rows = ["| key | holds |", "|---|---|"]
+            for key, field in part["properties"].items():
+                held = ", ".join(dict.fromkeys(re.findall(r"#/\$defs/(\w+)", json.dumps(field))))
+                rows.append(f"| `{key}` | {field['description'].rstrip('.')}{f' ({held})' if held else ''} |")
+            parts.setdefault(title, f"## {title}\n\n{part.get('description', '')}\n\n" + "\n".join(rows))
+    return "\n\n".join(parts.values())
+
+
+def _functions() -> str:
     """The docstrings of the public functions as Markdown."""
     parts = ["# Functions"]
     for name in _FUNCTIONS:

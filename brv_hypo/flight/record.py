@@ -74,12 +74,12 @@ class Vehicle:
 class RecordFault:
     """One fault of a record."""
 
-    channel: str  # the channel, or several joined by commas
-    fault: str  # its kind
-    start_s: float
-    stop_s: float
-    action: str  # what was done, or what the user should do, in words
-    decisive: bool = False  # true where the record contradicts itself, and nothing that is fitted to it can be trusted
+    channel: Annotated[str, Field(description="or several, joined by commas")]
+    fault: Annotated[str, Field(description="its kind")]
+    start_s: Annotated[float, Field(description="first sample, s")]
+    stop_s: Annotated[float, Field(description="last, s")]
+    action: Annotated[str, Field(description="what was done, or what the user should do")]
+    decisive: Annotated[bool, Field(description="the record contradicts itself: no fit to it is to be trusted")] = False
 
     @classmethod
     def over(cls, time: FloatArray, channel: str, fault: str, action: str, *, decisive: bool = False) -> RecordFault:
@@ -106,8 +106,8 @@ class RecordFault:
 class RecordTrial:
     """The verdict on a record: `sound` unless one of its `faults` is decisive."""
 
-    sound: bool = True
-    faults: tuple[RecordFault, ...] = ()
+    sound: Annotated[bool, Field(description="no fault is decisive")] = True
+    faults: Annotated[tuple[RecordFault, ...], Field(description="of all channels")] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

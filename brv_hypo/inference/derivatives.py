@@ -37,24 +37,20 @@ _ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is lin
 
 
 class Derivative(NullIsNaN):
-    """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable. At no angle of attack,
-    and at that flown (`alpha_rad`, rms about the place; `alpha_ends_rad`, least and greatest there); `mach` is NaN
-    where it is not known. Of model and processes together, with the errors of both: by alpha of the static moment, by
-    the transverse rate times d / 2V of all. `collinear_with`: processes and coefficients whose estimates are correlated
-    with that at the angle flown by more than `COLLINEAR` at some place, and the correlation at each.
+    """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable. Of model and processes
+    together, with the errors of both: by alpha of the static moment, by the transverse rate times d / 2V of all.
     """
 
-    flight: int
-    """Counted from 0, as Python does; `reference_flight` of a comparison, and what is printed, from 1."""
-    time_s: tuple[float, ...]
-    mach: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    at_zero: tuple[float, ...]
-    at_zero_std_error: tuple[float, ...]
-    at_flown: tuple[float, ...]
-    at_flown_std_error: tuple[float, ...]
-    alpha_ends_rad: tuple[tuple[float, float], ...] = ()
-    collinear_with: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    flight: int = Field(description="counted from 0; printed numbers and `reference_flight` from 1")
+    time_s: tuple[float, ...] = Field(description="of the places, s")
+    mach: tuple[float, ...] = Field(description="there; null: unknown")
+    alpha_rad: tuple[float, ...] = Field(description="rms about the place, rad")
+    at_zero: tuple[float, ...] = Field(description="at alpha = 0")
+    at_zero_std_error: tuple[float, ...] = Field(description="1 sigma")
+    at_flown: tuple[float, ...] = Field(description="at the angle of attack flown")
+    at_flown_std_error: tuple[float, ...] = Field(description="1 sigma")
+    alpha_ends_rad: tuple[tuple[float, float], ...] = Field(default=(), description="least and greatest there, rad")
+    collinear_with: dict[str, tuple[float, ...]] = Field(default_factory=dict, description="correlations, by name")
 
     @computed_field  # type: ignore[prop-decorator]
     @property

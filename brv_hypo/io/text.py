@@ -21,6 +21,7 @@ LONGEST_LINE = 300  # characters kept of a title or of another text that belongs
 _REORDERING = frozenset("\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 NOT_A_NUMBER = "–"
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+LOW_NOISE = 0.9  # times the noise: 1 sigma (`thresholds.NOISE_LEVEL`) below 1
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
 """Numbers from the one to below the other are written without an exponent."""
 
@@ -143,6 +144,11 @@ def percent(ratio: float) -> str:
     if ratio < 5e-5:
         return "<0.01" if ratio > 0.0 else "0"
     return f"{100.0 * ratio:.{0 if 0.01 <= ratio <= 0.98 else 2}f}"
+
+
+def below_noise(ratio: float) -> str:
+    """What it means that the rms of a residual is far below that of the noise, after its ratio; else nothing."""
+    return f" (below {LOW_NOISE}: noise is stated too large, or the fit takes some of it)" if ratio < LOW_NOISE else ""
 
 
 def error_share(ratio: float | None) -> str:

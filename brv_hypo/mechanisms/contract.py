@@ -85,18 +85,28 @@ class Term:
 
 @dataclass(frozen=True)
 class Derived:
-    """A quantity that follows from the coefficients, such as phi_b, with its standard error."""
+    """A quantity that follows from the coefficients, such as phi_b."""
 
     name: str
-    value: float
-    std_error: float
-    units: str
+    value: float  # in `units`
+    std_error: float  # 1 sigma, in `units`
+    units: str  # "1": dimensionless, "rad": an angle, shown in degrees too
 
     @classmethod
     def polar(
-        cls, size: str, angle: str, pair: tuple[float, float], covariance: FloatArray, sense: float = 1.0
+        cls,
+        size: str,
+        angle: str,
+        pair: tuple[float, float],
+        covariance: FloatArray,
+        sense: float = 1.0,
+        units: str = "1",
     ) -> tuple[Derived, ...]:
-        """Size and direction (rad, in `sense`, at worst unknown) of a pair, to first order in its covariance (2, 2)."""
+        """Two coefficients (x, y) of the same `units` in polar coordinates, to first order in their covariance (2, 2).
+
+        Size, in `units`, and angle, atan2(sense y, x) in rad, with the names `size` and `angle`; nothing where both are
+        0. The angle's standard error is at most that of an unknown one.
+        """
         x, y = pair
         length = float(np.hypot(x, y))
         if length == 0.0:
@@ -104,7 +114,7 @@ class Derived:
         axes = np.array([[x, y], [-y, x]]) / length
         along, across = np.sqrt(np.einsum("ij,jk,ik->i", axes, covariance, axes)).tolist()
         turned = cls(angle, float(np.arctan2(sense * y, x)), min(across / length, np.pi / np.sqrt(3.0)), "rad")
-        return cls(size, length, along, "1"), turned
+        return cls(size, length, along, units), turned
 
 
 class Component(NamedTuple):
@@ -131,7 +141,7 @@ class Mechanism(BaseModel, ABC):
                           taken in one by Mach number has that schedule, smooth, from then on
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -147,23 +157,30 @@ class Mechanism(BaseModel, ABC):
     follows: ClassVar[Literal["mach", "reynolds"] | None] = None
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The nonlinear parameters with their grids; none by default."""
+        """The nonlinear parameters, each a key of `theta`, with units, grid and bounds; none by default."""
         return ()
 
     @abstractmethod
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """The columns at this motion; pure, elementwise, and the same in number and order for every theta."""
+        """The columns at this motion, each of the motion's shape; pure, elementwise, and the same in number and order
+        for every `theta`: the nonlinear parameters by name, in their own units.
+        """
 
     def knots(self, motion: Motion) -> FloatArray | None:
         """Times (s) at which coefficients may change; None leaves them to the engine."""
         return None
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
-        """Quantities derived from one region's coefficients (in the order of `terms`); none by default."""
+        """Quantities that follow from one region's coefficients; none by default.
+
+        `values` are the coefficients by name of term, in the terms' units; `covariance` (n, n) is theirs, in the order
+        of `terms`. Each quantity has units and a standard error of its own.
+        """
         return ()
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
-        """1-sigma of each term's coefficient that the record's tolerances of the vehicle allow; None: not a tolerance.
+        """1-sigma of each term's coefficient, in its units and the order of `terms`, that the tolerances of the vehicle
+        (`flight.instruments`) allow; None: not a tolerance.
 
         A mechanism with one is part of every hypothesis, with that Gaussian prior; one of another distribution where
         its file (`--plugin`) or its name is given.

@@ -36,23 +36,24 @@ def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Factor(_Part):
     """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number)."""
 
-    of: Quantity
+    of: Quantity = Field(description="quantity x")
     function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
-    power: int = Field(default=1, ge=-3, le=6)  # of `power`: ((x - at) / scale)^power
-    rate: float = 1.0  # of `cos` and `sin`: of rate * x
-    at: float = 0.0  # where a step or ramp begins, a bump has its middle, a power is 0
-    scale: float = Field(default=1.0, gt=0.0)
+    """Of x."""
+    power: int = Field(default=1, ge=-3, le=6, description="of `power`: ((x - at) / scale)^power")
+    rate: float = Field(default=1.0, description="of `cos` and `sin`: of rate * x")
+    at: float = Field(default=0.0, description="where a step or ramp begins, a bump has its middle, a power is 0")
+    scale: float = Field(default=1.0, gt=0.0, description="of `power`")
     width: float = Field(default=0.0, ge=0.0)
     """Of a `step`, half of (1 + tanh((x - at) / width)), 0 for a sharp one; of a `ramp`, after which it stays, 0 where
     it goes on; of a `bump`, a linear B-spline that is 1 at `at` and 0 so far away."""
-    places: tuple[float, ...] = ()  # of a `schedule`: straight lines through `values` there, constant beyond
-    values: tuple[float, ...] = ()
+    places: tuple[float, ...] = Field(default=(), description="of a `schedule`: lines through `values`")
+    values: tuple[float, ...] = Field(default=(), description="at `places`")
 
     @model_validator(mode="after")
     def _schedule_is_whole(self) -> Factor:
@@ -86,22 +87,22 @@ class Factor(_Part):
 class Turn(_Part):
     """A direction that turns by rate * x from its axis, in the sense of the windward meridian's body axes."""
 
-    of: Quantity
-    rate: float
+    of: Quantity = Field(description="quantity x")
+    rate: float = Field(description="rad per unit of x")
 
 
 class YamlTerm(_Part):
     """A moment along `axis`, turned if `turn` is set, times its factors."""
 
-    name: str
-    axis: Axis
-    turn: Turn | None = None
-    factors: tuple[Factor, ...] = ()
-    units: str = "1"  # of its coefficient
+    name: str = Field(description="of the coefficient")
+    axis: Axis = Field(description="of its moment")
+    turn: Turn | None = Field(default=None, description="of the axis; null: none")
+    factors: tuple[Factor, ...] = Field(default=(), description="that are multiplied")
+    units: str = Field(default="1", description="of its coefficient")
     delay: float = Field(default=0.0, ge=0.0)
     """s: the moment is that of the motion so much earlier, left where it stood in the body; functions of time are of
     the present."""
-    value: float | None = None  # the coefficient as it was found
+    value: float | None = Field(default=None, description="the coefficient as it was found")
 
     @property
     def follows_time(self) -> bool:
@@ -131,13 +132,13 @@ class YamlTerm(_Part):
 class MechanismFile(_Part):
     """The content of a mechanism file."""
 
-    format: Literal["brv-mechanism"] = "brv-mechanism"
-    format_version: Literal[1] = 1
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
-    title: str
-    claims: str
-    source: str
-    terms: tuple[YamlTerm, ...] = Field(min_length=1)
+    format: Literal["brv-mechanism"] = Field(default="brv-mechanism", description="`brv-mechanism`")
+    format_version: Literal[1] = Field(default=1, description="1")
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="as `compare` takes it")
+    title: str = Field(description="in a few words")
+    claims: str = Field(description="what it says of the moment")
+    source: str = Field(description="where it comes from")
+    terms: tuple[YamlTerm, ...] = Field(min_length=1, description="whose sum is the moment")
 
 
 class YamlMechanism(Mechanism):

@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -36,10 +36,10 @@ class AeroTable(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    mach: tuple[float, ...]
-    alpha: tuple[float, ...] = (0.0,)
-    slope: tuple[tuple[float, ...], ...]
-    std_error: tuple[tuple[float, ...], ...]
+    mach: tuple[float, ...] = Field(description="places, increasing")
+    alpha: tuple[float, ...] = Field(default=(0.0,), description="places, rad")
+    slope: tuple[tuple[float, ...], ...] = Field(description="C_malpha, 1/rad, by mach and alpha")
+    std_error: tuple[tuple[float, ...], ...] = Field(description="1 sigma, 1/rad")
 
     @model_validator(mode="after")
     def _consistent(self) -> AeroTable:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.polynomial.chebyshev import chebvander
 from numpy.polynomial.legendre import legvander
+from pydantic import Field
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -51,24 +52,19 @@ class DesignMoment(Mechanism):
 
 
 class StaticMoment(DesignMoment):
-    """C_m0 and C_malpha, each with Legendre polynomials over [start, stop] as its slow drift.
-
-    `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
-    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_malpha changes
-    linearly as well; None where it does not.
-    """
+    """C_m0 and C_malpha, each with Legendre polynomials over [start, stop] as its slow drift."""
 
     name, title = "static", "static in-plane moment"
     claims = "the moment of a symmetric vehicle in the plane of the angle of attack"
     source = "report, Section 5.3"
 
-    start: float
-    stop: float
-    offset_degree: int = 1
-    slope_degree: int = 2
-    by: Literal["time", "mach"] = "time"
-    reynolds: tuple[float, float] | None = None
-    speeds: tuple[float, float] | None = None
+    start: float = Field(description="of `by`")
+    stop: float = Field(description="of `by`")
+    offset_degree: int = Field(default=1, description="of the polynomial of C_m0")
+    slope_degree: int = Field(default=2, description="of that of C_malpha")
+    by: Literal["time", "mach"] = Field(default="time", description="what polynomials are of; constant beyond its ends")
+    reynolds: tuple[float, float] | None = Field(default=None, description="decades between which C_malpha changes")
+    speeds: tuple[float, float] | None = Field(default=None, description="m/s, the same")
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
@@ -135,18 +131,16 @@ class PitchDamping(Mechanism):
 
 
 class StaticBend(DesignMoment):
-    """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
-
-    The bend is `slope` (1/rad) at BENT, 1 sigma. `drift`: what it drifts with, and the ends of that between which x
-    runs from -1 to 1; None where it does not drift.
+    """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors. x runs from -1 to 1
+    between the ends of `drift`; the bend is `slope` at BENT, 1 sigma.
     """
 
     name, title = "static_bend", "bend of the static moment"
     claims = "a static moment that is not in proportion to the angle of attack"
     source = "Murphy, BRL R 1216 (1963): cubic static moment"
 
-    slope: float
-    drift: tuple[Quantity, float, float] | None = None
+    slope: float = Field(description="1 sigma, 1/rad at 0.2 rad")
+    drift: tuple[Quantity, float, float] | None = Field(default=None, description="with what it drifts, and its ends")
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """C_malpha3, and its drift where it has one."""
@@ -177,17 +171,16 @@ SCHEDULE_MOST = 24  # terms
 class SlopeSchedule(DesignMoment):
     """C_N' += alpha sum_k (c_k + b_k alpha^2) cos(k pi x), x = ln(Mach / low) / ln(high / low), with Gaussian priors.
 
-    `low`, `high` are the Mach numbers between which it runs; beyond it keeps its last value. `size` (1/rad) is the
-    standard deviation of the slope's change at a Mach number.
+    Beyond `low` and `high` it keeps its last value.
     """
 
     name, title = "slope_schedule", "static slope by Mach number"
     claims = "a slope of the in-plane moment that changes smoothly with Mach number"
     source = "Matern prior over ln(Mach)"
 
-    low: float
-    high: float
-    size: float
+    low: float = Field(description="least Mach number")
+    high: float = Field(description="greatest")
+    size: float = Field(description="1 sigma of the slope's change, 1/rad")
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""

@@ -123,31 +123,26 @@ class Model(BaseModel):
 
 
 class _Saved(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, use_attribute_docstrings=True)
 
 
 class SavedColumn(_Saved):
-    """A column of the moment model; `start`, `stop` s, None where its course has no such end.
+    """A column of the moment model."""
 
-    `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
-    `time_errors` are those of its theta, of its start (`knot`), and of what it takes to come on (`onset width`).
-    `flight`: the one of several flights that it belongs to, counted from 0; None for all.
-    """
-
-    mechanism: str
-    term: str
-    units: str
-    theta: dict[str, float] = {}
-    kind: TimeVariation = "constant"
-    start: float | None = None
-    stop: float | None = None
-    grouped: bool = Field(default=False, alias="tied")
-    part_of: str | None = None
-    value: float | None = None
-    std_error: float | None = None
-    time_errors: dict[str, float] = {}
+    mechanism: str = Field(description="name")
+    term: str = Field(description="coefficient")
+    units: str = Field(description="of `value`")
+    theta: dict[str, float] = Field(default={}, description="nonlinear parameters")
+    kind: TimeVariation = Field(default="constant", description="constant, jump or ramp")
+    start: float | None = Field(default=None, description="s; null: from the first sample")
+    stop: float | None = Field(default=None, description="s; null: to the last")
+    grouped: bool = Field(default=False, alias="tied", description="enters with the columns of its vector")
+    part_of: str | None = Field(default=None, description="hypothesis that it is a part of")
+    value: float | None = Field(default=None, description="of the coefficient; null: the model is a structure alone")
+    std_error: float | None = Field(default=None, description="1 sigma")
+    time_errors: dict[str, float] = Field(default={}, description="1 sigma of theta, `knot` and `onset width`")
     elsewhere: float | None = Field(default=None, exclude=True)  # of earlier files: read, and not used
-    flight: int | None = None
+    flight: int | None = Field(default=None, description="of several, counted from 0; null: all")
 
     _SHARED: ClassVar[tuple[str, ...]] = ("mechanism", "term", "units", "grouped", "part_of", "flight")
 
@@ -177,15 +172,11 @@ class SavedColumn(_Saved):
 
 
 class ModelError(_Saved):
-    """What the model leaves beyond the noise on stretches held out of its fit, 1-sigma of either moment coefficient.
+    """What the model leaves beyond the noise on stretches held out of its fit."""
 
-    By Mach number, which increases; without one, one value for all. `own`: the whole model; `elsewhere`: without what
-    belongs to the times and the instruments of its own flights.
-    """
-
-    mach: tuple[float, ...] = ()
-    own: tuple[float, ...]
-    elsewhere: tuple[float, ...]
+    mach: tuple[float, ...] = Field(default=(), description="increasing; empty: one value for all")
+    own: tuple[float, ...] = Field(description="1 sigma of either coefficient, whole model")
+    elsewhere: tuple[float, ...] = Field(description="without what belongs to its own flights")
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> ModelError:
@@ -210,13 +201,13 @@ class ModelError(_Saved):
 
 
 class SavedRecordError(_Saved):
-    """A component of a record effect with its value (SI) on one flight; `options` are the effect's own, as its time."""
+    """A component of a record effect with its value on one flight."""
 
-    effect: str
-    component: str
-    value: float
-    options: dict[str, Any] = {}
-    flight: int = 0
+    effect: str = Field(description="name")
+    component: str = Field(description="of the effect")
+    value: float = Field(description="SI")
+    options: dict[str, Any] = Field(default={}, description="of the effect, as its time")
+    flight: int = Field(default=0, description="counted from 0")
 
     @classmethod
     def of(cls, applied: Applied) -> SavedRecordError:
@@ -249,34 +240,25 @@ def digest(flight: Flight) -> str:
 
 
 class SavedModel(_Saved):
-    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
+    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds."""
 
-    `covariance` is that of the columns' coefficients, in their order; empty where they have none.
-    `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
-    aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
-    of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops,
-    `digests` those of their gyros (`digest`); `errors` are those of records and vehicles within their tolerances
-    that were estimated beside the coefficients; `error` is what it left there; `flown` the ends of what
-    they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is not known.
-    """
-
-    format: Literal["brv-model"] = "brv-model"
-    format_version: Literal[1] = 1
-    columns: tuple[SavedColumn, ...]
-    record: tuple[SavedRecordError, ...] = ()
-    files: tuple[MechanismFile, ...] = ()
-    static: StaticMoment | None = None
-    table: AeroTable | None = None
-    schedule: SlopeSchedule | None = None
-    bend: StaticBend | None = None
-    covariance: tuple[tuple[float, ...], ...] = ()
+    format: Literal["brv-model"] = Field(default="brv-model", description="`brv-model`")
+    format_version: Literal[1] = Field(default=1, description="1")
+    columns: tuple[SavedColumn, ...] = Field(description="of the moment model")
+    record: tuple[SavedRecordError, ...] = Field(default=(), description="effects of the record that were added")
+    files: tuple[MechanismFile, ...] = Field(default=(), description="mechanisms that no plugin holds")
+    static: StaticMoment | None = Field(default=None, description="the baseline's static moment; null: constant")
+    table: AeroTable | None = Field(default=None, description="aerodynamic table in its place")
+    schedule: SlopeSchedule | None = Field(default=None, description="prior of the slope's change with Mach number")
+    bend: StaticBend | None = Field(default=None, description="prior of its bend with alpha")
+    covariance: tuple[tuple[float, ...], ...] = Field(default=(), description="of the coefficients; empty: unknown")
     covariance_elsewhere: tuple[tuple[float, ...], ...] = Field(default=(), exclude=True)  # of earlier files, the same
-    error: ModelError | None = None
-    found_on: tuple[str, ...] = ()
-    times: tuple[tuple[float, float], ...] = ()
-    digests: tuple[str, ...] = ()
-    errors: tuple[SavedRecordError, ...] = ()
-    flown: dict[str, tuple[float, float]] = {}
+    error: ModelError | None = Field(default=None, description="what it left beyond the noise")
+    found_on: tuple[str, ...] = Field(default=(), description="titles of its flights")
+    times: tuple[tuple[float, float], ...] = Field(default=(), description="start and stop of each, s")
+    digests: tuple[str, ...] = Field(default=(), description="of their gyros")
+    errors: tuple[SavedRecordError, ...] = Field(default=(), description="of record and vehicle, within tolerances")
+    flown: dict[str, tuple[float, float]] = Field(default={}, description="ends of `mach` and `alpha` (rad) flown")
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:

@@ -27,111 +27,98 @@ PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which a model's re
 class ModelSource(NullIsNaN):
     """Where the model came from: its file, and the flights that it was found on."""
 
-    path: str | None
-    found_on: tuple[str, ...]
+    path: str | None = Field(description="of its file")
+    found_on: tuple[str, ...] = Field(description="titles of the flights")
 
 
 class ErrorsOfPrediction(NullIsNaN):
-    """Mean squares of moment coefficients: measured (`without`), less `frozen` model, less `own` refit; of `noise`."""
+    """Mean squares of moment coefficients."""
 
-    without: float
-    frozen: float
-    own: float
-    noise: float
+    without: float = Field(description="of the moments as measured, mean square")
+    frozen: float = Field(description="less the frozen model")
+    own: float = Field(description="less the same model fitted here")
+    noise: float = Field(description="of the noise")
 
 
 class Region(NullIsNaN):
-    """A stretch of the record, the Mach numbers that it runs through (None where unknown), and its ratio of errors."""
+    """A stretch of the record."""
 
-    start_s: float
-    stop_s: float
-    mach: tuple[float, float] | None
-    ratio: float
+    start_s: float = Field(description="s")
+    stop_s: float = Field(description="s")
+    mach: tuple[float, float] | None = Field(description="ends; null: unknown")
+    ratio: float = Field(description="frozen over without a model")
 
 
 class LocalChange(NullIsNaN):
-    """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop. More
-    than before and after: what is off throughout is no change. `mach` are the Mach numbers there, None where they are
-    unknown; `f_ratio` is of one coefficient without processes, `p_value` is paid for all terms and regions that were
-    tried; `std_error` is that beside processes.
-    """
+    """Where this flight differs from the frozen model; what is off throughout is no change."""
 
-    term: str
-    units: str
-    start_s: float
-    stop_s: float
-    mach: tuple[float, float] | None
-    value: float
-    std_error: float
-    f_ratio: float
-    p_value: float
+    term: str = Field(description="coefficient that differs for part of the flight")
+    units: str = Field(description="of `value`")
+    start_s: float = Field(description="s")
+    stop_s: float = Field(description="s")
+    mach: tuple[float, float] | None = Field(description="ends; null: unknown")
+    value: float = Field(description="more than before and after")
+    std_error: float = Field(description="1 sigma, beside processes")
+    f_ratio: float = Field(description="of one coefficient, no processes")
+    p_value: float = Field(description="paid for all terms and regions tried")
 
 
 class Difference(NullIsNaN):
-    """A frozen coefficient that differs from this flight's, others within their errors. `value`: what it is more here;
-    `p_value`: paid for all; `beside_processes`: if evidence wants these; `alternatives`: terms for its place.
-    """
+    """A frozen coefficient that differs from this flight's, others within their errors."""
 
-    term: str
-    mechanism: str = ""
-    units: str
-    frozen: float
-    value: float
-    std_error: float
-    p_value: float
-    beside_processes: bool
-    alternatives: tuple[str, ...] = ()
+    term: str = Field(description="coefficient that differs")
+    mechanism: str = Field(default="", description="which it belongs to")
+    units: str = Field(description="of `value`")
+    frozen: float = Field(description="value in the model")
+    value: float = Field(description="what it is more here")
+    std_error: float = Field(description="1 sigma")
+    p_value: float = Field(description="paid for all coefficients")
+    beside_processes: bool = Field(description="whether evidence needs processes")
+    alternatives: tuple[str, ...] = Field(default=(), description="terms that may differ in its place")
 
 
 Series = tuple[float, ...]
 
 
 class Band(NullIsNaN):
-    """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
-    Record and vehicle err within their tolerances, by what this flight shows: that is no error of the model. Counted
-    where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the noise
-    where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    """The predictive band of the moments. Record and vehicle err within their tolerances, by what this flight shows:
+    that is no error of the model.
     """
 
-    level: float
-    inside: float
-    model_error: float = 0.0
-    time_s: Series
-    measured: tuple[Series, Series]
-    predicted: tuple[Series, Series]
-    half_width: tuple[Series, Series]
+    level: float = Field(description="of the prediction interval, noise included")
+    inside: float = Field(description="share of the samples in it, where the model's flights flew")
+    model_error: float = Field(default=0.0, description="rms residual beyond the noise where the model was found")
+    time_s: Series = Field(description="s")
+    measured: tuple[Series, Series] = Field(description="C_m and C_n")
+    predicted: tuple[Series, Series] = Field(description="by the frozen model, record errors fitted")
+    half_width: tuple[Series, Series] = Field(description="of the interval")
 
 
 class Prediction(HasCharts, Result):
-    """What a frozen model says of a flight; `ratio` is the error with it over that without. `explained` is the share of
-    the moments' mean square, noise aside, that the frozen model explains where the flights that it was found on flew in
-    Mach number and angle of attack; `flown` is the share of the samples there. `refused`: there is a `local_change` of
-    slope or damping, or `difference` (and further ones) is more than chance makes it; None where there is none, or no
-    coefficient is frozen. `misfit`: the rms residual over the noise, beside processes and with coefficients as this
-    flight has them; NaN where nothing is tested, as on the model's `own_record`. `left_out` are mechanisms that belong
-    to the times of the model's own flights.
+    """What a frozen model says of a flight. It is refused where a `local_change` of slope or damping or a `difference`
+    is more than chance makes it.
     """
 
-    schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
-    flight: FlightSummary
-    model: ModelSource
-    frozen: tuple[TermEstimate, ...]
-    refitted: tuple[TermEstimate, ...]
-    error: ErrorsOfPrediction
-    ratio: float
-    explained: float
-    flown: float
-    band: Band
-    regions: tuple[Region, ...]
-    local_change: LocalChange | None = None
-    difference: Difference | None = None
-    further_differences: tuple[Difference, ...] = ()
-    refused: bool = False
-    misfit: float = float("nan")
-    left_out: tuple[str, ...] = ()
-    own_record: bool = False
-    reason: str
-    record: RecordTrial = RecordTrial()
+    schema_: str = Field(default="brv-hypo/predict/1", alias="schema", description="`brv-hypo/predict/1`")
+    flight: FlightSummary = Field(description="predicted")
+    model: ModelSource = Field(description="where it came from")
+    frozen: tuple[TermEstimate, ...] = Field(description="terms with the model's coefficients")
+    refitted: tuple[TermEstimate, ...] = Field(description="terms fitted to this flight")
+    error: ErrorsOfPrediction = Field(description="mean squares of moment coefficients")
+    ratio: float = Field(description="`frozen` over `without`")
+    explained: float = Field(description="share of the mean square, noise aside, where the model's flights flew")
+    flown: float = Field(description="share of the samples there")
+    band: Band = Field(description="prediction interval of the moments")
+    regions: tuple[Region, ...] = Field(description="ratio by interval of time")
+    local_change: LocalChange | None = Field(default=None, description="where slope or damping differs; null: nowhere")
+    difference: Difference | None = Field(default=None, description="coefficient that differs most; null: none")
+    further_differences: tuple[Difference, ...] = Field(default=(), description="coefficients that differ besides")
+    refused: bool = Field(default=False, description="whether the flight contradicts the model (5 %)")
+    misfit: float = Field(default=float("nan"), description="rms residual over noise, beside processes; null: no test")
+    left_out: tuple[str, ...] = Field(default=(), description="mechanisms of certain times of the model's own flights")
+    own_record: bool = Field(default=False, description="whether the model was estimated from this record")
+    reason: str = Field(description="the outcome in words")
+    record: RecordTrial = Field(default=RecordTrial(), description="faults of the record")
 
     @property
     def lacks_an_effect(self) -> bool:

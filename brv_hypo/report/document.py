@@ -10,6 +10,7 @@ A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Chart`), in sec
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -245,6 +246,12 @@ class Document:
     blocks: Sequence[Block | Section]
     beside: Sequence[Block] = ()  # what belongs to the conclusion, and follows it
     ahead: Sequence[Block] = ()  # what a page shows right after the conclusion, a terminal before it
+
+    @property
+    def line(self) -> str:
+        """Title and first sentence of the conclusion, for one line."""
+        sentence = re.split(r"(?<=\.) (?=[A-Z`])|\n", self.conclusion, maxsplit=1)[0]
+        return ": ".join(filter(None, (self.conclusion_title, sentence)))
 
     @property
     def charts(self) -> tuple[Chart, ...]:

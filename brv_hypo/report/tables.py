@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.comparison import result
-from brv_hypo.comparison.verdict import OTHER
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
@@ -36,6 +35,7 @@ _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
 ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
+ERRORS = "Errors above one sigma, and trim, least probable first"
 LEAST_ERROR = 1.0  # of the sigmas of fitted values, from which an error of the record is listed
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 SLOW = "drifts, gusts and the like, in every hypothesis"
@@ -82,11 +82,11 @@ def ranking_table(comparison: result.Comparison) -> Table:
         }
         for row in comparison.ranking
     ]
-    if OTHER in verdict.probability:
+    if result.OTHER in verdict.probability:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
-        rows.append(nothing | {"mechanism": "other", "prob.": probability(verdict.probability[OTHER])})
+        rows.append(nothing | {"mechanism": result.OTHER, "prob.": probability(verdict.probability[result.OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
+    return Table(rows, "Hypotheses, by evidence", words=("mechanism",), marked=credible)
 
 
 def shown_processes(comparison: result.Comparison) -> list[result.ProcessEstimate]:
@@ -111,7 +111,8 @@ def process_blocks(comparison: result.Comparison) -> list[Block]:
         }
         for each, form in zip(shown, ("{}" if exceeds else "({})" for exceeds in large), strict=True)
     ]
-    beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
+    leader = hypothesis(comparison.ranking[0].mechanism) if rows else ""
+    beside = f"Processes beside {leader}, by share of the moment ({SLOW})"
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
     said = []
     for each in shown:  # of instruments or air: others of its family and unit may be the same drift
@@ -262,7 +263,7 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %: what each may make unseen beside leader, trim and baseline"
+    heading = "Upper limits at 95 %, smallest first: what each may make unseen beside leader, trim and baseline"
     excluded = Texts([" ".join(said)] if said else (), bullets=False)
     meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
     return [Table(rows, heading, ("mechanism",)), excluded, meaning]
@@ -290,7 +291,7 @@ def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.Ter
         known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
         rows.append(row | {"by the data alone": number(each.without_tolerance), "in deg": known})
     beyond = range(len(result.beyond_tolerances(errors)))
-    return Table(rows, "Errors above one sigma, and trim", ("error", "unit"), beyond, shown="verbose")
+    return Table(rows, ERRORS, ("error", "unit"), beyond, shown="verbose")
 
 
 def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:

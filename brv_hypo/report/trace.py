@@ -92,7 +92,7 @@ def families_chart(step: Step) -> Chart:
     rest = max(1.0 - sum(each.share for each in step.decomposition), 0.0)
     layers += [Bars([f"noise, lack of fit {share(rest)}"], [100.0 * rest], role="measured")] if layers else []
     read = "first by effects that were added, then by processes (95 % intervals)."
-    read = f"Of the mean square that the first model does not explain: {read}"
+    read = f"Share of the mean square that the first model does not explain, largest first: {read}"
     named = ("families", "What holds the residual, by family", "of the residual, %")
     return Chart(*named, [Panel("", layers)] if layers else [], caption=read)
 
@@ -162,7 +162,7 @@ def trace_document(result: Trace) -> Document:
     errors = Table(account, "Held-out error of one model after another", ("model",))
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     errors_of_record, known = result.record_errors, result.reconstruction
-    instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record)
+    instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record, result.model.terms)
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
     final = () if ended or result.final_residual is None else (result.final_residual.words,)
@@ -283,8 +283,8 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
     words = [f"{row.effect}: {row.description}." for row in ordered if row.kind == "discovered" and row.description]
     done = step.residual.white and step.added is None  # what was tried is of no interest then
     sentences = (
-        f"By family: {families}." if families else "",
-        f"Evidence of each beside all others: {', '.join(gains)}." if gains else "",
+        f"By family, largest share first: {families}." if families else "",
+        f"Evidence of each beside all others, largest first: {', '.join(gains)}." if gains else "",
         outcome_text(step, has),
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )

@@ -180,7 +180,7 @@ class SimulationConfig(Section):
     environment: EnvironmentConfig = EnvironmentConfig()
     """Gravity and air."""
     instruments: InstrumentsConfig = InstrumentsConfig()
-    """What the record is made with."""
+    """What the record is made with; `{"draw": 1}` draws errors at the stated tolerances (`--draw 1`)."""
     mechanisms: tuple[PlantedConfig, ...] = ()
     """Planted always."""
     asymmetries: tuple[PlantedConfig, ...] = ()
@@ -282,6 +282,10 @@ def _hint(location: Sequence[str | int]) -> str:
     """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
     schema = SimulationConfig.model_json_schema()
     known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
+    parts = {name: str(part.get("$ref")).rpartition("/")[2] for name, part in schema["properties"].items()}
+    holds = [name for name, to in parts.items() if location[-1] in schema["$defs"].get(to, {}).get("properties", ())]
+    if len(location) == 1 and holds:
+        return f"it is a key of {' and of '.join(f'`{name}`' for name in holds)}"
     near = "" if location[-1] in known else meant(str(location[-1]), known, "")
     if near or location[0] != "instruments":
         return near

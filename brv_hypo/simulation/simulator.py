@@ -263,8 +263,8 @@ class SimulatedFlight(Histories):
 @takes_settings(
     SimulationConfig,
     config="SimulationConfig, mapping, str or Path\n    Or the name of a configuration that comes along.",
-    seed="int\n    Of every random draw, 0 or more.",
-    plant="str or sequence of str\n    Sets of the configuration's `plantable` block.",
+    seed="int\n    Of every random draw, 0 or more (`--seed`).",
+    plant="str or sequence of str\n    Sets of the configuration's `plantable` block (`--plant`).",
 )
 def simulate(
     config: ConfigSource,

@@ -264,20 +264,18 @@ def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides
 class Draw(Section):
     """What one flight drew; `DrawsConfig` says what each number is."""
 
-    vehicle: str
-    planted: str
-    repeat: int
-    seed: int
-    """Of the noise and the errors of the flight's instruments."""
-    size: float
-    delay: float
-    onset_shift: float
-    alpha: float
-    roll_rate: float
-    windward_meridian: float
-    gyro_noise: float
-    fault: str = ""
-    """The name of the fault of its record; empty for a sound one."""
+    vehicle: str = Field(description="configuration")
+    planted: str = Field(description="set of mechanisms")
+    repeat: int = Field(description="counted from 0")
+    seed: int = Field(description="Of the noise and the errors of the flight's instruments")
+    size: float = Field(description="factor of planted coefficients")
+    delay: float = Field(description="factor of planted delays")
+    onset_shift: float = Field(description="s")
+    alpha: float = Field(description="factor of that at the start")
+    roll_rate: float = Field(description="factor")
+    windward_meridian: float = Field(description="at the start, rad")
+    gyro_noise: float = Field(description="factor")
+    fault: str = Field(default="", description="The name of the fault of its record; empty for a sound one")
 
     @property
     def key(self) -> str:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Unpack
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from brv_hypo.comparison import compare
 from brv_hypo.errors import BrvHypoError, UnanswerableError, UsageError, missing_package
@@ -67,25 +67,23 @@ CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 class Outcome(BaseModel):
     """One flight: what was drawn, what was planted, and what `compare` made of it."""
 
-    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
+    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants", use_attribute_docstrings=True)
 
-    draw: Draw
-    status: Literal["compared", "refused", "not simulated", "not compared"]
-    reason: str = ""  # why the flight was not compared
-    faults: tuple[str, ...] = ()
-    """What the data compatibility check named, as "channel: fault"."""
-    fault_named: bool | None = None  # whether the planted fault is among them; None without one
-    effect_in_plane: float = 0.0
-    """Rms of what is planted, while it lasts, over the rms of the whole moment in that time."""
-    effect_out_of_plane: float = 0.0
-    first: str | None = None
-    winner: str | None = None
-    equivalent: tuple[str, ...] = ()
-    probability: dict[str, float] = {}
-    information: dict[str, float] = {}  # -2 ln evidence of each hypothesis, over that of the baseline only
-    alpha_sigma_rad: float | None = None
-    phi_w_sigma_rad: float | None = None
-    seconds: float = 0.0
+    draw: Draw = Field(description="what the flight drew")
+    status: Literal["compared", "refused", "not simulated", "not compared"] = Field(description="what became of it")
+    reason: str = Field(default="", description="why the flight was not compared")
+    faults: tuple[str, ...] = Field(default=(), description="that the compatibility check named: channel: fault")
+    fault_named: bool | None = Field(default=None, description="whether the planted one is among them")
+    effect_in_plane: float = Field(default=0.0, description="rms of what is planted over the moment's, then")
+    effect_out_of_plane: float = Field(default=0.0, description="the same, out of plane")
+    first: str | None = Field(default=None, description="ranked first")
+    winner: str | None = Field(default=None, description="named; null: none")
+    equivalent: tuple[str, ...] = Field(default=(), description="as in `compare`")
+    probability: dict[str, float] = Field(default={}, description="by hypothesis")
+    information: dict[str, float] = Field(default={}, description="-2 ln evidence over baseline only's, by hypothesis")
+    alpha_sigma_rad: float | None = Field(default=None, description="rms, rad")
+    phi_w_sigma_rad: float | None = Field(default=None, description="of the meridian, rms, rad")
+    seconds: float = Field(default=0.0, description="of the comparison, s")
 
     @property
     def planted(self) -> str:

@@ -32,17 +32,17 @@ Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend",
 class Statistic(BaseModel):
     """Base of what a study's summary is made of."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
 class Share(Statistic):
     """`count` of `total`, with an exact interval."""
 
-    count: int
-    total: int
-    value: float | None  # `count` / `total`; None where nothing was counted
-    low: float  # lower end of the 95 % interval of Clopper and Pearson (1934); 0 where nothing was counted
-    high: float  # upper end; 1 where nothing was counted
+    count: int = Field(description="that are so")
+    total: int = Field(description="of so many")
+    value: float | None = Field(description="`count` / `total`; None where nothing was counted")
+    low: float = Field(description="lower end of the 95 % interval of Clopper and Pearson")
+    high: float = Field(description="upper end; 1 where nothing was counted")
 
 
 def share(count: int, total: int) -> Share:
@@ -60,13 +60,13 @@ def _share_of(outcomes: Sequence[Outcome], counted: Callable[[Outcome], bool | N
 class ConfusionRow(Statistic):
     """Flights with one mechanism planted."""
 
-    planted: str
-    flights: int
-    first: dict[str, int]  # how often each hypothesis ranked first
-    winners: dict[str, int]  # how often a verdict named each hypothesis
-    undecided: int  # verdicts that named nothing
-    ranked_first: Share  # the planted mechanism ranked first
-    won: Share  # the verdict named the planted mechanism
+    planted: str = Field(description="mechanism; `none`: none")
+    flights: int = Field(description="so many")
+    first: dict[str, int] = Field(description="how often each hypothesis ranked first")
+    winners: dict[str, int] = Field(description="how often a verdict named each hypothesis")
+    undecided: int = Field(description="verdicts that named nothing")
+    ranked_first: Share = Field(description="the planted mechanism ranked first")
+    won: Share = Field(description="the verdict named the planted mechanism")
 
 
 def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[ConfusionRow, ...]:
@@ -95,19 +95,19 @@ def false_alarms(outcomes: Sequence[Outcome]) -> Share:
 class CalibrationBin(Statistic):
     """Flights whose largest probability lies in [low, high), at last its end too; `right`: what has it was planted."""
 
-    low: float
-    high: float
-    mean_probability: float | None
-    right: Share
+    low: float = Field(description="least probability")
+    high: float = Field(description="greatest")
+    mean_probability: float | None = Field(description="of the leaders in it")
+    right: Share = Field(description="what leads was planted")
 
 
 class Calibration(Statistic):
     """How well the probabilities are calibrated; a score is None where no flight, or none alone, determines it."""
 
-    flights: int
-    bins: tuple[CalibrationBin, ...]
-    brier: float | None  # mean over flights of the sum over hypotheses of (probability - truth)^2 (Brier 1950)
-    log_loss: float | None  # mean of -ln of the true hypothesis's probability
+    flights: int = Field(description="so many")
+    bins: tuple[CalibrationBin, ...] = Field(description="of the largest probability")
+    brier: float | None = Field(description="mean over flights of the sum of (probability - truth)²")
+    log_loss: float | None = Field(description="mean of -ln of the true hypothesis's probability")
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
@@ -133,17 +133,17 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
 class DetectionLimit(Statistic):
     """Effects (part of the moment's rms) that are won in 50 % and 90 % of flights."""
 
-    planted: str
-    vehicle: str | None  # None: all vehicles together
-    flights: int
-    won: int
-    least: float  # the least effect that was flown
-    greatest: float
+    planted: str = Field(description="mechanism")
+    vehicle: str | None = Field(description="None: all vehicles together")
+    flights: int = Field(description="so many")
+    won: int = Field(description="named")
+    least: float = Field(description="the least effect that was flown")
+    greatest: float = Field(description="the greatest")
     status: Status
     """`extrapolated`: a limit lies outside [`least`, `greatest`]. `all won`: the limits lie below `least`; `none
     won`: above `greatest`; `no trend`: winning does not grow with the effect."""
-    half: float | None = None  # the effect that is won in half of the flights
-    nine_tenths: float | None = None
+    half: float | None = Field(default=None, description="the effect that is won in half of the flights")
+    nine_tenths: float | None = Field(default=None, description="the effect that is won in nine of ten")
 
 
 def detection_limits(outcomes: Sequence[Outcome]) -> tuple[DetectionLimit, ...]:
@@ -203,11 +203,11 @@ def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
 class FaultRow(Statistic):
     """Flights whose record has one kind of fault."""
 
-    fault: str
-    flights: int
-    named: Share  # channel and kind are reported
-    wrong: Share  # a verdict names a mechanism that was not planted
-    unwarned: Share  # it does so and the data compatibility check reported nothing
+    fault: str = Field(description="its kind")
+    flights: int = Field(description="so many")
+    named: Share = Field(description="channel and kind are reported")
+    wrong: Share = Field(description="a verdict names a mechanism that was not planted")
+    unwarned: Share = Field(description="it does so and the data compatibility check reported nothing")
 
 
 def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
@@ -236,25 +236,25 @@ class StudySummary(Statistic):
     nothing else but `flights`.
     """
 
-    schema_: str = Field(default="brv-hypo/study/1", alias="schema")
-    title: str
-    seed: int
-    flights: int
-    compared: int
-    named: Share  # of flights with something planted, the verdict names it
-    wrong: Share  # of these, it names something else
-    visible_effect: float  # part of the moment's rms while the effect lasts
-    right_visible: Share  # what was planted ranks first
-    confusion: tuple[ConfusionRow, ...]
-    confusion_visible: tuple[ConfusionRow, ...]
-    by_vehicle: dict[str, tuple[ConfusionRow, ...]]  # visible effects, each vehicle by itself
-    calibration_visible: Calibration
-    detection: tuple[DetectionLimit, ...]
-    false_alarms: Share
-    faults: tuple[FaultRow, ...]
-    mistakes: tuple[Outcome, ...]  # visible effects that something else than the truth leads
-    failures: tuple[Outcome, ...]  # not simulated or compared; a corrupted record that is refused is none
-    seconds_per_flight: float | None
+    schema_: str = Field(default="brv-hypo/study/1", alias="schema", description="`brv-hypo/study/1`")
+    title: str = Field(description="of the study")
+    seed: int = Field(description="of all draws")
+    flights: int = Field(description="simulated")
+    compared: int = Field(description="those with a sound record")
+    named: Share = Field(description="of flights with something planted, the verdict names it")
+    wrong: Share = Field(description="of these, it names something else")
+    visible_effect: float = Field(description="part of the moment's rms while the effect lasts")
+    right_visible: Share = Field(description="what was planted ranks first")
+    confusion: tuple[ConfusionRow, ...] = Field(description="planted against ranked first and named")
+    confusion_visible: tuple[ConfusionRow, ...] = Field(description="the same, visible effects")
+    by_vehicle: dict[str, tuple[ConfusionRow, ...]] = Field(description="visible effects, each vehicle by itself")
+    calibration_visible: Calibration = Field(description="of probabilities, visible effects")
+    detection: tuple[DetectionLimit, ...] = Field(description="limits by mechanism and vehicle")
+    false_alarms: Share = Field(description="a mechanism is named, none is planted")
+    faults: tuple[FaultRow, ...] = Field(description="records that were corrupted")
+    mistakes: tuple[Outcome, ...] = Field(description="visible effects that something else than the truth leads")
+    failures: tuple[Outcome, ...] = Field(description="not simulated or compared, refusals of faults excepted")
+    seconds_per_flight: float | None = Field(description="mean of those compared")
 
 
 def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:

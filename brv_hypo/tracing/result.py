@@ -18,7 +18,7 @@ from brv_hypo.comparison.result import (
 )
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import interval, number, p_value
+from brv_hypo.io.text import below_noise, interval, number, p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
@@ -78,20 +78,16 @@ Stop = Literal["white", "nothing significant", "nothing improves held-out error"
 
 
 class Residual(NullIsNaN):
-    """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst. `white`,
-    `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise. `noise_ratio`: rms of the
-    residual moments over that of their noise. `worst_region_s` s; `dominant_frequency_hz` of the residual in body axes,
-    positive in the sense from y to z. `flight`: the one of several, counted from 0, that all but whiteness is of.
-    """
+    """What a model leaves, and where it is worst; whiteness is of the derolled rates."""
 
-    flight: int | None = None
-    rms: float
-    white: bool
-    p_value: float
-    noise_ratio: float
-    worst_channel: str
-    worst_region_s: Interval
-    dominant_frequency_hz: float
+    flight: int | None = Field(default=None, description="of several, counted from 0: of which all but whiteness is")
+    rms: float = Field(description="of the moment coefficients, pitch and yaw together")
+    white: bool = Field(description="rates are noise, by correlation and size")
+    p_value: float = Field(description="of Ljung-Box test and size")
+    noise_ratio: float = Field(description="rms over that of the gyros' noise")
+    worst_channel: str = Field(description="moment with the largest residual")
+    worst_region_s: Interval = Field(description="when, s")
+    dominant_frequency_hz: float = Field(description="in body axes, Hz; positive from y to z")
 
     @property
     def words(self) -> str:
@@ -100,88 +96,80 @@ class Residual(NullIsNaN):
         white = "white" if self.white else f"{beyond} (p {p_value(self.p_value)})"
         where = "" if self.flight is None else f"flight {self.flight + 1}: "
         return (
-            f"{where}rms {number(self.rms)}, {number(self.noise_ratio)} times the noise, {white}; "
-            f"largest in {self.worst_channel}, {interval(self.worst_region_s)} s, mostly at "
-            f"{number(self.dominant_frequency_hz)} Hz"
+            f"{where}rms {number(self.rms)}, {number(self.noise_ratio)} times the noise"
+            f"{below_noise(self.noise_ratio)}, {white}; largest in {self.worst_channel}, "
+            f"{interval(self.worst_region_s)} s, mostly at {number(self.dominant_frequency_hz)} Hz"
         )
 
 
 class ProcessHistory(NullIsNaN):
-    """The history of a process on the first flight: its coefficient, or the length of several, at times of the record.
-    Of processes of the moment `units` are those of a moment coefficient over the shape's.
-    """
+    """The history of a process on the first flight."""
 
-    process: str
-    title: str
-    units: str
-    time_s: tuple[float, ...]
-    mach: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    values: tuple[float, ...]
-    std_errors: tuple[float, ...]
+    process: str = Field(description="name")
+    title: str = Field(description="in words")
+    units: str = Field(description="of `values`; of a moment coefficient over the shape's")
+    time_s: tuple[float, ...] = Field(description="s")
+    mach: tuple[float, ...] = Field(description="there; null: unknown")
+    alpha_rad: tuple[float, ...] = Field(description="there, rad")
+    values: tuple[float, ...] = Field(description="coefficient, or length of several")
+    std_errors: tuple[float, ...] = Field(description="1 sigma")
 
 
 class Family(NullIsNaN):
-    """What a family explains of the residual's mean square; `evidence`: nats of its processes beside all others."""
+    """What a family explains of the residual's mean square."""
 
-    family: str
-    share: float
-    interval_95: Interval
-    evidence: float = 0.0
-    effects: tuple[str, ...] = ()
-    history: ProcessHistory | None = None
+    family: str = Field(description="kind of cause")
+    share: float = Field(description="of the residual's mean square")
+    interval_95: Interval = Field(description="of the share")
+    evidence: float = Field(default=0.0, description="nats of its processes beside all others")
+    effects: tuple[str, ...] = Field(default=(), description="added ones of the family")
+    history: ProcessHistory | None = Field(default=None, description="of its largest process")
 
 
 class TriedCandidate(NullIsNaN):
-    """One effect as tried: `explains`: of the weighed squares; `near_equals`: confounded with it on this flight."""
+    """One effect as tried."""
 
-    effect: str
-    kind: Kind
-    f_ratio: float
-    p_value_adjusted: float
-    explains: float | None
-    description: str = ""
-    near_equals: tuple[str, ...] = ()
+    effect: str = Field(description="name")
+    kind: Kind = Field(description="mechanism, instrument, environment or discovered")
+    f_ratio: float = Field(description="of its terms, no processes")
+    p_value_adjusted: float = Field(description="for all effects tried (Holm)")
+    explains: float | None = Field(description="share of the weighted squares, noise included")
+    description: str = Field(default="", description="in words")
+    near_equals: tuple[str, ...] = Field(default=(), description="effects confounded with it on this flight")
 
 
 class Errors(NullIsNaN):
     """Mean squares of errors, both axes together."""
 
-    fit: float
-    held_out: float
+    fit: float = Field(description="mean square on the fitted blocks")
+    held_out: float = Field(description="on held-out blocks")
 
 
 class Step(NullIsNaN):
-    """One turn of the loop. The first candidate is what was added, where anything was. `refused` is significant in the
-    fitted part and does not lower the held-out error, or few repetitions name it. `error_after` is that of the model
-    with what was added or, where nothing was, with the best that was refused; `error_ratio_held_out` is over the error
-    without it: what every fit has within its tolerance is zero there. `held_out_score`: the fall of the error of
-    moments and specific force, in which an error of the record may show alone, in standard errors. A finding lowers the
-    held-out moment error by more than its uncertainty and most repetitions with other blocks and knots name it; all
-    else is a hint. `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all
-    share is known from the others alone. `decomposition` has those of `families` that explain any.
+    """One turn of the loop. A finding lowers the held-out moment error by more than its uncertainty and most
+    repetitions with other blocks and knots name it; all else is a hint.
     """
 
-    step: int
-    residual: Residual
-    families: dict[str, float] = Field(default={})
-    decomposition: tuple[Family, ...] = ()
-    candidates: tuple[TriedCandidate, ...]
-    refused: tuple[str, ...] = ()
-    unwanted: tuple[str, ...] = ()
-    evidence_gain: float | None = None
-    removed: tuple[str, ...] = Field(default=(), alias="taken_out")
-    added: str | None
-    description: str = ""
-    status: Status | None = Field(default=None, alias="standing")
-    doubts: tuple[str, ...] = ()
-    named_in: float | None = None
-    error_before: Errors
-    error_after: Errors | None = None
-    error_ratio_held_out: float | None = None
-    error_ratio_std_error: float | None = None
-    held_out_score: float | None = None
-    ratio_of_flights_left_out: float | None = None
+    step: int = Field(description="counted from 1")
+    residual: Residual = Field(description="of the model before")
+    families: dict[str, float] = Field(default={}, description="shares of the residual, by family")
+    decomposition: tuple[Family, ...] = Field(default=(), description="the same with intervals, by family")
+    candidates: tuple[TriedCandidate, ...] = Field(description="effects tried; first the one added")
+    refused: tuple[str, ...] = Field(default=(), description="significant in the fit, and not added")
+    unwanted: tuple[str, ...] = Field(default=(), description="refused since processes explain the flight better")
+    evidence_gain: float | None = Field(default=None, description="of what was added, nats beside processes")
+    removed: tuple[str, ...] = Field(default=(), alias="taken_out", description="earlier effects, no longer needed")
+    added: str | None = Field(description="effect; null: none")
+    description: str = Field(default="", description="of what was added, in words")
+    status: Status | None = Field(default=None, alias="standing", description="`finding` or `hint`")
+    doubts: tuple[str, ...] = Field(default=(), description="why it is a hint")
+    named_in: float | None = Field(default=None, description="share of the repetitions that name it")
+    error_before: Errors = Field(description="mean squares without it")
+    error_after: Errors | None = Field(default=None, description="with it; where none was added, with the best refused")
+    error_ratio_held_out: float | None = Field(default=None, description="after over before, or over that without any")
+    error_ratio_std_error: float | None = Field(default=None, description="1 sigma")
+    held_out_score: float | None = Field(default=None, description="fall of error of moments and force, in sigmas")
+    ratio_of_flights_left_out: float | None = Field(default=None, description="each flight's from the others")
 
     def as_hint(self, doubt: str) -> Step:
         """The same as a hint, for a further doubt."""
@@ -214,18 +202,18 @@ def names_added(steps: Sequence[Step], status: Status | None = None) -> tuple[st
 
 
 class Account(NullIsNaN):
-    """A model on the way to the last one: its mean squared moment error on held-out blocks, and the standard error."""
+    """A model on the way to the last one."""
 
-    model: str
-    held_out: float
-    std_error: float
+    model: str = Field(description="constant, scheduled, or the effect added")
+    held_out: float = Field(description="mean square moment error on held-out blocks")
+    std_error: float = Field(description="1 sigma, from block to block")
 
 
 class ModelSummary(NullIsNaN):
     """The model as it ended, fitted to the whole record; another trace can start from `definition`."""
 
-    terms: tuple[TermEstimate, ...]
-    definition: SavedModel
+    terms: tuple[TermEstimate, ...] = Field(description="fitted to the whole record")
+    definition: SavedModel = Field(description="for another trace or a prediction: columns, covariance, errors")
 
 
 class Picture(MotionHistories):
@@ -240,30 +228,30 @@ class Picture(MotionHistories):
 class Trace(HasCharts, Result):
     """The history of a trace: its steps, its last model, and the residual."""
 
-    schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
-    flight: FlightSummary
-    flights: tuple[FlightSummary, ...] = ()
-    record: RecordTrial = RecordTrial()
-    steps: tuple[Step, ...]
-    findings: tuple[str, ...] = ()
-    hints: tuple[str, ...] = ()
+    schema_: str = Field(default="brv-hypo/trace/1", alias="schema", description="`brv-hypo/trace/1`")
+    flight: FlightSummary = Field(description="the first")
+    flights: tuple[FlightSummary, ...] = Field(default=(), description="all")
+    record: RecordTrial = Field(default=RecordTrial(), description="faults of the records")
+    steps: tuple[Step, ...] = Field(description="of the loop")
+    findings: tuple[str, ...] = Field(default=(), description="established effects")
+    hints: tuple[str, ...] = Field(default=(), description="other effects added")
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
-    model: ModelSummary
+    model: ModelSummary = Field(description="the last")
     reconstruction: ReconstructionSummary | None = Field(default=None, description="how well the motion is known")
     record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
     collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
-    collinear_groups: tuple[tuple[str, ...], ...] = ()
-    static_slopes: tuple[Derivative, ...] = ()
+    collinear_groups: tuple[tuple[str, ...], ...] = Field(default=(), description="names that these pairs link")
+    static_slopes: tuple[Derivative, ...] = Field(default=(), description="C_malpha along each flight")
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")
     dynamic_stability: str = Field(default="", description="where the damping moment is significantly unstable")
-    stopped: Stop
-    unexplained: str | None
-    caveats: tuple[str, ...] = ()
+    stopped: Stop = Field(description="why the loop ended")
+    unexplained: str | None = Field(description="what is left, in a sentence; null: nothing")
+    caveats: tuple[str, ...] = Field(default=(), description="what limits the result")
     noise: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
-    final_residual: Residual | None = None
-    seconds: float = 0.0
+    final_residual: Residual | None = Field(default=None, description="of the last model")
+    seconds: float = Field(default=0.0, description="elapsed, s")
     picture: Picture | None = Field(default=None, exclude=True)
     discovered: MechanismFile | None = Field(default=None, exclude=True)
 

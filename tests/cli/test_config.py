@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from pydoc import locate
 
 import pytest
 import yaml
 
 from brv_hypo.comparison import CompareConfig
+from brv_hypo.docs.manual import RESULTS, generated
 from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.settings import commented, settings_of
@@ -55,6 +57,39 @@ def test_every_setting_is_in_it_and_uncommented_is_the_default(model):
 @pytest.mark.parametrize("model", MODELS.values())
 def test_every_setting_is_explained(model):
     assert [name for name, field in model.model_fields.items() if not field.description] == []
+
+
+@pytest.mark.parametrize("command", ["compare", "trace", "predict", "study"])
+def test_every_key_of_a_result_is_explained(command):
+    schema = locate(f"brv_hypo.{RESULTS[command]}").model_json_schema(by_alias=True, mode="serialization")
+    parts = {command: schema, **schema["$defs"]}
+    unexplained = [
+        (t, key)
+        for t, part in parts.items()
+        for key, field in part["properties"].items()
+        if not field.get("description")
+    ]
+    assert unexplained == []
+    page = generated("results")
+    assert all(f"\n## {title}\n" in page for title in parts)
+    assert [key for key in schema["properties"] if f"| `{key}` | " not in page] == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"maximum_likelihood": "quik"}, r"expected 'quick', 'full' or 'none' \(is 'quick' meant\?\), got 'quik'"),
+        ({"knot_count": "many"}, "'knot_count': expected a valid integer, got 'many'"),
+    ],
+)
+def test_a_wrong_value_is_refused_in_plain_words(settings, said):
+    with pytest.raises(UsageError, match=said):
+        settings_of(CompareConfig, settings)
+
+
+def test_a_setting_of_a_section_is_sent_there():
+    with pytest.raises(UsageError, match="'draw' is not a known key \\(it is a key of `instruments`\\)"):
+        load_config("research_cone", keywords={"draw": 1})
 
 
 def test_a_new_simulation_and_study_are_read(brv_hypo, tmp_path):

@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict
+from brv_hypo.comparison.result import OTHER, Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict
 from brv_hypo.comparison.verdict import (
     NONE,
-    OTHER,
     Candidate,
     Fit,
     decide,

@@ -18,7 +18,7 @@ from typer.main import get_command
 
 from brv_hypo import __all__ as public
 from brv_hypo.cli.main import app
-from brv_hypo.docs import notebooks, text, topics
+from brv_hypo.docs import GENERATED, notebooks, text, topics
 from brv_hypo.docs.manual import site
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
@@ -241,6 +241,7 @@ def test_topics_are_in_reading_order():
 def test_the_functions_are_a_topic_like_others(brv_hypo):
     assert "functions" in brv_hypo("docs").stdout
     assert "brv_hypo.compare(flights" in brv_hypo("docs", "functions").stdout
+    assert "prediction_ratio" in brv_hypo("docs", "results").stdout
 
 
 def test_an_unknown_topic_is_refused_with_the_nearest():
@@ -273,7 +274,7 @@ class TestPages:
     def test_each_topic_and_notebook_has_a_page_that_needs_no_network(self, pages):
         books = [name.removesuffix(".ipynb") for name in notebooks()]
         assert [name for name in pages if name.endswith(".html")] == [
-            f"{name}.html" for name in (*topics(), *books, "functions")
+            f"{name}.html" for name in (*topics(), *books, *GENERATED)
         ]
         assert not [name for name, page in pages.items() if re.search(r"(?:src|href)\s*=\s*[\"']?https?:", page)]
 

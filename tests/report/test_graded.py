@@ -14,6 +14,7 @@ from brv_hypo.comparison import Comparison
 from brv_hypo.comparison.diagnostics import events_unreached
 from brv_hypo.comparison.result import (
     LEAST_PROCESS,
+    OTHER,
     QUOTED,
     DerivedEstimate,
     Explained,
@@ -28,7 +29,7 @@ from brv_hypo.comparison.result import (
     beyond_tolerances,
     within_text,
 )
-from brv_hypo.comparison.verdict import OTHER, with_prediction_error
+from brv_hypo.comparison.verdict import with_prediction_error
 from brv_hypo.docs import text
 from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.io.text import hypothesis, number, probability
@@ -168,7 +169,9 @@ class TestTerminal:
         damping = {"share_of_moment_95": 0.02, "share_in_part_95": 0.01, "coefficient_95": 0.02 * MOMENT}
         limit = MechanismLimit(mechanism="damping", **damping)
         shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
-        begin = shown.index("Upper limits at 95 %: what each may make unseen beside leader, trim and baseline")
+        begin = shown.index(
+            "Upper limits at 95 %, smallest first: what each may make unseen beside leader, trim and baseline"
+        )
         cells = line_of(shown[begin:], "damping")
         assert [each for each in cells if each != "(leader)"][:6] == ["damping", "2", "%", "1", "%", "0.00082"]
         assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
@@ -359,8 +362,13 @@ class TestPython:
         assert marked.conclusion().endswith(f"{said}, but no value that is marked *.")
 
     def test_rows_have_the_evidence(self) -> None:
-        assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]
-        assert list(graded().to_dataframe()["log_evidence"]) == [12.34, 0.0]
+        assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0, None]
+        assert list(graded().to_dataframe()["log_evidence"].dropna()) == [12.34, 0.0]
+
+    def test_rows_have_the_names_of_the_page_and_all_of_the_probability(self) -> None:
+        rows = graded().rows()
+        assert [row["mechanism"] for row in rows] == ["damping", "baseline only", "other"]
+        assert sum(row["probability"] for row in rows) == pytest.approx(1.0)
 
     def test_json_gives_it_all_back(self) -> None:
         withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))

@@ -132,7 +132,7 @@ def test_a_section_keeps_what_is_not_named_anew(tmp_path: Path) -> None:
         ("start: [", "it is not YAML"),
         ("- 1", "expected a mapping"),
         ("base: research_cone\ndurations: 3", "'durations' is not a known key.*is 'duration' meant"),
-        ("base: research_cone\nduration: -3", "'duration': Input should be greater than 0, got -3"),
+        ("base: research_cone\nduration: -3", "'duration': expected greater than 0, got -3"),
         ("base: research_cone\nstep: 0.003", "whole number: try step 0.0025"),
         ("vehicle: {mass: 3}", "'vehicle.ixx' is missing"),
         ("base: research_cone\nduration: 0.05", "at least 16"),

@@ -178,8 +178,8 @@ def test_what_a_trace_found_and_what_families_explain_is_one_sentence() -> None:
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
     texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
-    assert f"By family: {shares[:-1]}; not surely above 0.5 %: air 2 %." in texts
-    assert "Evidence of each beside all others: air 300 nats, body 200 nats." in texts
+    assert f"By family, largest share first: {shares[:-1]}; not surely above 0.5 %: air 2 %." in texts
+    assert "Evidence of each beside all others, largest first: air 300 nats, body 200 nats." in texts
     noise = first.model_copy(update={"residual": residual.model_copy(update={"white": True})})
     of_noise = trace_document(traced.model_copy(update={"findings": (), "steps": (noise,)}))
     assert of_noise.conclusion.splitlines()[0] == "No effect with a name was found."

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 
 from brv_hypo import compare, reconstruct
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.verdict import OTHER
+from brv_hypo.comparison.result import OTHER
 from tests.studies.independent.drawn_vehicles import draw_craft
 from tests.studies.independent.flights import Made, draw_flight
 from tests.studies.independent.instruments import GRADES, Noise
