@@ -305,7 +305,7 @@ class SizedModel(NullIsNaN):
     """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
 
     n_terms: int = Field(description="of the leader's")
-    n_coefficients: int = Field(description="with those of the baseline: p of C_p over p")
+    n_coefficients: int = Field(description="with those of the baseline")
     cp: float = Field(description="Mallows' C_p")
     terms: tuple[str, ...] = Field(description="best subset of that size")
 

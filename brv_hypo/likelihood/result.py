@@ -115,7 +115,7 @@ class FitResult(Tabular):
             "[[Noise]]",
         ]
         for i, test in enumerate(self.whiteness):
-            colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
+            colour = "white" if test.white else f"not white (p-value {test.p_value:.1g}, lag {test.largest_lag})"
             size = _with_error(np.sqrt(self.noise_variance[i]), self.noise_std_error[i])
             lines.append(f"    output {i}: {size}, innovations {colour}")
         for i in np.flatnonzero(self.process_noise).tolist():

@@ -225,7 +225,7 @@ def _differs(found: Prediction) -> str:
         every = (difference, *found.further_differences)
         beside = ", processes fitted beside the model" if difference.beside_processes else ""
         these = "; and ".join(map(_in_words, every))
-        said = f" This flight contradicts the model (p {p_value(difference.p_value)}{beside}): {these}."
+        said = f" This flight contradicts the model (p-value {p_value(difference.p_value)}{beside}): {these}."
     if change is not None:
         ends = dict.fromkeys(f"{end:.4g}" for end in reversed(change.mach or ()))
         mach = f", Mach {' to '.join(ends)}" if ends else ""

@@ -40,7 +40,7 @@ JUDGED = "Models as they are judged: each with its own estimated processes and e
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
     "F-ratio, C_p, pred. error: of fits without processes, with knots, delays and noise as beside these: another "
-    "process changes C_p, which is above p, the number of coefficients, also where no term is missing. pred. error: "
+    "process changes C_p, which is above k, the number of coefficients, also where no term is missing. pred. error: "
     "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
     "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
     "is split or added beside processes comes on top."
@@ -48,7 +48,7 @@ EVIDENCE = (
 
 
 def _sizes(comparison: Comparison) -> Chart:
-    """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = p."""
+    """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = k."""
     sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
     if len(rows) < 2 or not sized:
         return Chart("cp", "", "", ())
@@ -61,9 +61,9 @@ def _sizes(comparison: Comparison) -> Chart:
         if above.n_terms != row.n_terms or apart:
             groups.append([])
         groups[-1].append(row)
-    p = np.arange(least, max(least + ordered[-1].n_terms, sized[-1].n_coefficients) + 1.0)
+    k = np.arange(least, max(least + ordered[-1].n_terms, sized[-1].n_coefficients) + 1.0)
     layers = [
-        Line(p, p, "guide", "C_p = p", dashed=True),
+        Line(k, k, "guide", "C_p = k", dashed=True),
         Line([each.n_coefficients for each in sized], [each.cp for each in sized], "third", "best of a size"),
     ]
     for some in groups:  # in one label, from top to bottom as their dots are
@@ -78,8 +78,8 @@ def _sizes(comparison: Comparison) -> Chart:
     )
     if not log:
         read += " Below zero: a smaller residual than the complete model's, which has the knots of the hypotheses."
-    panels, ends = [Panel("C<sub>p</sub>", layers, log=log)], (p[0] - 1.0, p[-1] + 2.0)  # room for labels
-    return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
+    panels, ends = [Panel("C<sub>p</sub>", layers, log=log)], (k[0] - 1.0, k[-1] + 2.0)  # room for labels
+    return Chart("cp", "C_p over size", "coefficients, k", panels, caption=read, range=ends, counted=True)
 
 
 def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict[float, str]:
@@ -279,7 +279,8 @@ def _compared(comparison: Comparison) -> list[Block]:
     shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
     panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
     likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
-    shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
+    smallest = sorted(comparison.verdict.limits, key=lambda limit: limit.share_of_moment_95)
+    shares = {limit.mechanism: limit.share_of_moment_95 for limit in smallest}
     panels = charts.share_bars(shares, "third")
     named = "limits", "Upper limits", "largest share of the moment's rms, %"
     read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."

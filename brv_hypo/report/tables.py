@@ -38,7 +38,7 @@ ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them 
 ERRORS = "Errors above one sigma, and trim, least probable first"
 LEAST_ERROR = 1.0  # of the sigmas of fitted values, from which an error of the record is listed
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
-SLOW = "drifts, gusts and the like, in every hypothesis"
+SLOW = "drifts, gusts and the like, in all hypotheses"
 KIN = "Processes of one family may stand for one another: quote their sum."
 IN_TRIM = "The mean of a moment fixed in the body may be in trim instead."
 _PROCESSES = (
@@ -49,7 +49,7 @@ _PROCESSES = (
 
 _VEHICLE = (
     "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
-    "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
+    "of these is assumed, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
 _KNOT, _WIDTH = " knot", " onset width"  # how names of derived times end
 RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
@@ -112,7 +112,7 @@ def process_blocks(comparison: result.Comparison) -> list[Block]:
         for each, form in zip(shown, ("{}" if exceeds else "({})" for exceeds in large), strict=True)
     ]
     leader = hypothesis(comparison.ranking[0].mechanism) if rows else ""
-    beside = f"Processes beside {leader}, by share of the moment ({SLOW})"
+    beside = f"Processes beside {leader}, by share ({SLOW})"
     table = Table(rows, beside, ("process", "family", "unit"), most=min(max(sum(large), 1), ROWS_AT_FIRST))
     said = []
     for each in shown:  # of instruments or air: others of its family and unit may be the same drift
@@ -263,7 +263,7 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %, smallest first: what each may make unseen beside leader, trim and baseline"
+    heading = "Upper limits at 95 %, smallest first, unseen beside leader, trim and baseline"
     excluded = Texts([" ".join(said)] if said else (), bullets=False)
     meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
     return [Table(rows, heading, ("mechanism",)), excluded, meaning]
@@ -288,7 +288,7 @@ def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.Ter
         angle = np.degrees(1.0 if each.units == "rad" else 1.0 / slope if of_moment else np.nan)
         row = {"error": each.name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
-        known = estimated(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
+        known = known_to(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
         rows.append(row | {"by the data alone": number(each.without_tolerance), "in deg": known})
     beyond = range(len(result.beyond_tolerances(errors)))
     return Table(rows, ERRORS, ("error", "unit"), beyond, shown="verbose")

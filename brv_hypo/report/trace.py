@@ -268,7 +268,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
             "effect": row.effect,
             "kind": row.kind,
             "F-ratio": number(row.f_ratio),
-            "adjusted p": p_value(row.p_value_adjusted),
+            "adj. p-value": p_value(row.p_value_adjusted),
             "explains": share(row.explains),
             "confounded with": ", ".join(row.near_equals),
         }
@@ -348,8 +348,8 @@ def prediction_document(result: Prediction) -> Document:
         {
             "term": change.term,
             **_place(change),
-            "more by": number(change.value),
-            "+-": number(change.std_error, 2),
+            "difference": number(change.value),
+            "sigma": number(change.std_error, 2),
             "units": "" if change.units == "1" else change.units,
             "F": number(change.f_ratio),
         }

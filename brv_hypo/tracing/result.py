@@ -93,7 +93,7 @@ class Residual(NullIsNaN):
     def words(self) -> str:
         """Size, whiteness and place."""
         beyond = "white but for its size" if self.p_value > WHITE_CHANCE else "not white"
-        white = "white" if self.white else f"{beyond} (p {p_value(self.p_value)})"
+        white = "white" if self.white else f"{beyond} (p-value {p_value(self.p_value)})"
         where = "" if self.flight is None else f"flight {self.flight + 1}: "
         return (
             f"{where}rms {number(self.rms)}, {number(self.noise_ratio)} times the noise"

@@ -31,6 +31,7 @@ from brv_hypo.comparison.result import (
 )
 from brv_hypo.comparison.verdict import with_prediction_error
 from brv_hypo.docs import text
+from brv_hypo.docs.manual import generated
 from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.io.text import hypothesis, number, probability
 from brv_hypo.linearisation.nuisance import BEYOND_CHANCE, beyond_level
@@ -169,9 +170,7 @@ class TestTerminal:
         damping = {"share_of_moment_95": 0.02, "share_in_part_95": 0.01, "coefficient_95": 0.02 * MOMENT}
         limit = MechanismLimit(mechanism="damping", **damping)
         shown = printed(graded(winner, outcome=outcome, limits=(large, limit, MechanismLimit(mechanism="lag"))))
-        begin = shown.index(
-            "Upper limits at 95 %, smallest first: what each may make unseen beside leader, trim and baseline"
-        )
+        begin = shown.index("Upper limits at 95 %, smallest first, unseen beside leader, trim and baseline")
         cells = line_of(shown[begin:], "damping")
         assert [each for each in cells if each != "(leader)"][:6] == ["damping", "2", "%", "1", "%", "0.00082"]
         assert begin < shown.index("damping ", begin) < shown.index("inplane ", begin)
@@ -213,7 +212,7 @@ class TestTerminal:
 
     def test_that_no_process_is_large_is_said(self) -> None:
         shown = " ".join(printed(graded(processes=PROCESSES[-1:])).split())
-        assert "in every hypothesis) makes more than 0.1 % of the moment." in shown
+        assert "in all hypotheses) makes more than 0.1 % of the moment." in shown
         assert "Processes beside" not in shown
 
     def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:
@@ -456,13 +455,13 @@ def test_what_was_only_corrected_is_warned_of_last() -> None:
 
 
 def test_every_process_and_key_is_in_the_manual() -> None:
-    verdict, reference = text("verdict"), text("reference")
+    verdict, results = text("verdict"), generated("results")
     for each in (*moment_processes(), *record_processes()):
         (row,) = (row for row in verdict.splitlines() if row.startswith("|") and f"`{each.name}`" in row.split("|")[1])
         assert row.split("|")[2].strip() == each.family
         assert row.split("|")[4].strip() == str(each.splines)
     for key in (*ProcessEstimate.model_fields, *Explained.model_fields):
-        assert key in reference
+        assert f"| `{key}` | " in results
     assert isinstance(comparison_document(graded()).beside[0], Table)
 
 
