@@ -279,7 +279,7 @@ def _compared(comparison: Comparison) -> list[Block]:
     shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
     panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
     likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
-    smallest = sorted(comparison.verdict.limits, key=lambda limit: limit.share_of_moment_95)
+    smallest = sorted(comparison.verdict.limits, key=lambda limit: np.nan_to_num(limit.share_of_moment_95, nan=np.inf))
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in smallest}
     panels = charts.share_bars(shares, "third")
     named = "limits", "Upper limits", "largest share of the moment's rms, %"

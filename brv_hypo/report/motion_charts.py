@@ -227,7 +227,7 @@ def spectrum_chart(setting: Setting, kept: MotionHistories, histories: Sequence[
     layers = [Line(frequency[shown], power[shown], each.role, each.name) for each, power in drawn]
     named = f"spectrum{setting.suffix}", f"Spectrum{setting.which}", "frequency, Hz"
     panels, lines = [Panel("power density, 1/Hz", layers, log=True)], [Mark(at, name) for name, at in marks.items()]
-    read = "Measured moments and residuals, both planes together, Welch's method. Marked: medians of roll rate and meridian rate."
+    read = "Measured moments and residuals, both planes together, Welch's method. Marked: medians of both rates."
     return Chart(*named, panels, range=(0.0, highest), marks=lines, caption=read)
 
 
