@@ -148,7 +148,7 @@ def percent(ratio: float) -> str:
 
 def below_noise(ratio: float) -> str:
     """What it means that the rms of a residual is far below that of the noise, after its ratio; else nothing."""
-    return f" (below {LOW_NOISE}: noise is stated too large, or the fit takes some of it)" if ratio < LOW_NOISE else ""
+    return f", below {LOW_NOISE}: noise is stated too large, or the fit takes some of it" if ratio < LOW_NOISE else ""
 
 
 def error_share(ratio: float | None) -> str:

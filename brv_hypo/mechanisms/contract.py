@@ -195,7 +195,7 @@ class Mechanism(BaseModel, ABC):
 class RecordEffect(BaseModel, ABC):
     """An instrument or environment effect: a perturbation of the record, linear for small values.
 
-    `perturb(flight, value)` returns the record as it would read had the effect the given value more.
+    `perturb(flight, component, value)` returns the record as it would read had that component the value (SI) more.
     Its columns are the derivative of the reconstructed moments with respect to the value.
     """
 

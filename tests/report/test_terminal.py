@@ -187,4 +187,4 @@ def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
     table, said = vehicle_blocks(compared_nominal().flights)
     assert [row["quantity"] for row in table.rows] == ["mass", "ixx", "iyy", "reference length", "reference area"]
     assert table.rows[2]["tolerance"] != "–"
-    assert "placeholder" in said.texts[0]
+    assert "is assumed, so is their scale" in said.texts[0]
