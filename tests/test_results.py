@@ -175,7 +175,7 @@ def test_without_pandas_a_data_frame_says_how_to_install_it(compared, monkeypatc
         compared.to_dataframe()
 
 
-@pytest.mark.parametrize("name", ["compared", "traced", "reconstructed"])
+@pytest.mark.parametrize("name", ["compared", "traced", "reconstructed", "flown"])
 def test_a_result_is_written_as_a_page(name, request, tmp_path) -> None:
     result = request.getfixturevalue(name)
     write_report(result, tmp_path / "page.html")

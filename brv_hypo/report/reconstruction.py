@@ -50,7 +50,7 @@ def record_document(flight: Flight) -> Document:
     setting = Setting((float(flight.time[0]), float(flight.time[-1])))
     return Document(
         title=f"Record: {flight.title or flight.path}",
-        subtitle=(flight.headline(),),
+        subtitle=(),
         conclusion_title="Record",
         conclusion=flight.headline(),
         decided=not flight.faults,

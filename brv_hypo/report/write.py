@@ -23,6 +23,7 @@ from brv_hypo.report.document import Chart, Document
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.reconstruction import reconstruction_document, record_document
 from brv_hypo.report.trace import prediction_document, trace_document
+from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.tracing.result import Trace
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
 @singledispatch
 def document_of(result: Any) -> Document:
     """The document of a comparison, trace, prediction, reconstruction or flight; else UsageError."""
-    expected = "a Flight, or what compare, trace, predict or reconstruct returned: only these have a report"
+    expected = "a Flight, or what compare, trace, predict, reconstruct or simulate returned: only these have one"
     raise UsageError(f"got {type(result).__name__}, expected {expected}.")
 
 
@@ -68,6 +69,7 @@ document_of.register(Trace, trace_document)
 document_of.register(Prediction, prediction_document)
 document_of.register(Reconstruction, reconstruction_document)
 document_of.register(Flight, record_document)
+document_of.register(SimulatedFlight, lambda flown: record_document(flown.flight))
 
 
 def write_report(result: Any, path: str | Path, *, overwrite: bool = False) -> None:

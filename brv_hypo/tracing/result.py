@@ -146,9 +146,7 @@ class Errors(NullIsNaN):
 
 
 class Step(NullIsNaN):
-    """One turn of the loop. A finding lowers the held-out moment error by more than its uncertainty and most
-    repetitions with other blocks and knots name it; all else is a hint.
-    """
+    """One turn of the loop."""
 
     step: int = Field(description="counted from 1")
     residual: Residual = Field(description="of the model before")
