@@ -256,7 +256,7 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
     sizes = [(e.mechanism, ", ".join(f"{k} {number(v, 2)}" for k, v in e.coefficients_95.items())) for e in known]
     if longest := "; ".join(f"{name} {largest}" for name, largest in sizes if largest):
         read.append(f"For a quarter of the record or longer, at most: {longest}.")
-    said = ["In a part: unless it acts throughout, where trim and baseline may hide more of it."] if rows else []
+    said = ["In a part: unless it acts throughout, where trim and baseline may hide more."] if rows else []
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append("Above 100 %: nothing that is smaller than the whole moment is excluded.")
     if verdict.outcome == "none adequate":
