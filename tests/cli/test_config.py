@@ -8,10 +8,17 @@ from pydoc import locate
 import pytest
 import yaml
 
+from brv_hypo import reconstruct, simulate
 from brv_hypo.comparison import CompareConfig
+from brv_hypo.docs import text
 from brv_hypo.docs.manual import RESULTS, generated
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.inspection import inspect_flight
+from brv_hypo.flight.record import RecordTrial
+from brv_hypo.mechanisms import installed
 from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.report.listings import inspection_data, listing_data, simulation_data
+from brv_hypo.report.reconstruction import reconstruction_data
 from brv_hypo.settings import commented, settings_of
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study
@@ -73,6 +80,19 @@ def test_every_key_of_a_result_is_explained(command):
     page = generated("results")
     assert all(f"\n## {title}\n" in page for title in parts)
     assert [key for key in schema["properties"] if f"| `{key}` | " not in page] == []
+
+
+def test_every_key_of_other_json_is_in_the_reference(tmp_path):
+    flown = simulate("research_cone", seed=1, plant="lag", duration=1.0)
+    written = [
+        reconstruction_data(reconstruct(flown)),
+        simulation_data(flown, tmp_path),
+        inspection_data(inspect_flight(flown.flight), RecordTrial()),
+        listing_data({name: installed()[name] for name in ("lag", "gyro_drift")}, {}),
+    ]
+    nested = [written[0]["reconstruction"], written[1]["planted_share"], written[3]["mechanisms"][1]]
+    keys = {key for each in (*written, *nested) for key in each} - {"schema", "flight"}
+    assert sorted(key for key in keys if f"`{key}`" not in text("reference")) == []
 
 
 @pytest.mark.parametrize(
