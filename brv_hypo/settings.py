@@ -100,15 +100,13 @@ FlightRecordError
     A record cannot be read or is invalid."""
 
 
-class _Shown:
-    """A default in a signature: "..." where it is the configuration's, or long."""
+_CONFIGURED = type("Configured", (), {"__repr__": lambda self: "..."})()  # in a signature: the configuration has it
 
-    def __init__(self, field: FieldInfo) -> None:
-        default = ... if field.is_required() else field.get_default(call_default_factory=True)
-        self.text = repr(default) if default is None or isinstance(default, str | int | float | tuple) else "..."
 
-    def __repr__(self) -> str:
-        return self.text
+def _signed(field: FieldInfo) -> Any:
+    """The default that a signature shows: a number, a name, None or a tuple as it is."""
+    default = _CONFIGURED if field.is_required() else field.get_default(call_default_factory=True)
+    return default if default is None or isinstance(default, str | int | float | tuple) else _CONFIGURED
 
 
 def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Function], Function]:
@@ -128,7 +126,7 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
             words = " ".join((fields[name].description or "See the class.").split())
             meanings[name] = re.sub(r"\b(?:\w+\.)+", "", formatannotation(kind)) + f"\n    {words}"
         signed = [each.replace(annotation=each.empty) for each in own]
-        signed += [inspect.Parameter(n, keywords.KEYWORD_ONLY, default=_Shown(f)) for n, f in fields.items()]
+        signed += [inspect.Parameter(n, keywords.KEYWORD_ONLY, default=_signed(f)) for n, f in fields.items()]
         function.__signature__ = inspect.Signature(signed)  # type: ignore[attr-defined]
         text, _, rest = inspect.cleandoc(function.__doc__ or "").partition("\n\nReturns\n-------\n")
         returns, _, examples = rest.partition("\n\nExamples\n--------\n")

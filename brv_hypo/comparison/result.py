@@ -111,7 +111,7 @@ class RankedHypothesis(NullIsNaN):
     r2: float = Field(description="share of the weighted squares that the fit without processes explains")
     bic: float = Field(description="extended BIC at `n_effective` samples")
     log_likelihood: float = Field(description="at `n_effective` samples, no processes")
-    log_evidence: float = Field(default=float("nan"), description="over baseline only's; with processes, price, weight")
+    log_evidence: float = Field(default=float("nan"), description="nats over baseline only: weighted, less the price")
     n_terms: int = Field(description="coefficients besides baseline and processes")
     n_effective: float = Field(description="whitened rows of all channels, averaged where noise is white")
     terms: tuple[TermEstimate, ...] = Field(description="jumps and ramps as fitted")
@@ -228,7 +228,7 @@ class MechanismLimit(NullIsNaN):
     share_of_moment_95: float = Field(default=float("nan"), description="largest rms over the moment's; null: withheld")
     share_in_part_95: float = Field(default=float("nan"), description="if it does not act throughout; not of leaders")
     coefficient_95: float = Field(default=float("nan"), description="`share_of_moment_95` as an rms moment coefficient")
-    coefficients_95: dict[str, float] = Field(default_factory=dict, description="by term, for a quarter or longer")
+    coefficients_95: dict[str, float] = Field(default_factory=dict, description="largest by term, a quarter or longer")
     share_of_moment: float = Field(default=float("nan"), description="of the leader, as estimated")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of it")
 
@@ -386,7 +386,7 @@ class Comparison(HasCharts, Result):
 
     schema_: str = Field(default="brv-hypo/compare/1", alias="schema", description="`brv-hypo/compare/1`")
     flights: tuple[FlightSummary, ...] = Field(description="that were compared")
-    reference_flight: int | None = Field(default=None, description="number (from 1) of the one whose clock times have")
+    reference_flight: int | None = Field(default=None, description="number (from 1) of the flight whose clock is used")
     reconstruction: ReconstructionSummary = Field(description="of the motion about the leader")
     baseline: BaselineSummary = Field(description="of every hypothesis")
     record: RecordTrial = Field(default=RecordTrial(), description="faults of the records")
