@@ -47,12 +47,17 @@ def listing(session: Session, context: typer.Context) -> None:
         return
     session.claim()
     from brv_hypo.mechanisms import installed
-    from brv_hypo.report.listings import kind_texts, listing_data, listing_table, plantable_texts
+    from brv_hypo.report.document import Texts
+    from brv_hypo.report.listings import OF_KINDS, listing_data, listing_table, plantable_texts
     from brv_hypo.simulation import config_names, load_config
 
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
-    tables = (listing_table(found, verbose=session.verbose), kind_texts(), plantable_texts(plantable))
+    tables = (
+        listing_table(found, verbose=session.verbose),
+        Texts((OF_KINDS,), bullets=False),
+        plantable_texts(plantable),
+    )
     session.show(*tables, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))

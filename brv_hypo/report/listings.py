@@ -20,14 +20,12 @@ from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.simulation.config import PlantedConfig
 
 NOTES = 5  # notes on how the record was made that the terminal shows; all of them with -v
-KINDS = {
-    "mechanism": "`compare` takes these; `--mechanisms installed` adds those of other packages",
-    "aerodynamic": "`trace` tries them too; `compare` where `--mechanisms` names one, which `installed` does not",
-    "process": "in every hypothesis: drifts, gusts and the like",
-    "instrument": "of instruments or vehicle data; every hypothesis has those with a tolerance, `trace` tries more",
-    "environment": "of the air; the same",
-}
-"""In the order of the list, each with who uses it."""
+KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
+"""In the order of the list: what `compare` takes if nothing is named comes first."""
+OF_KINDS = (
+    "`compare` takes kind mechanism, with `--mechanisms installed` those of other packages too; kind aerodynamic "
+    "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance."
+)
 
 
 def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]:
@@ -110,7 +108,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
             lines += [f"source: {item.source}", f"planted: {', '.join(planted_names(item))}"]
         kind = "process" if isinstance(item, Process) else item.kind
         rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
-    rows.sort(key=lambda row: ([*KINDS].index(row["kind"]), row["name"]))
+    rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
     heading = f"Mechanisms, effects and processes of {OWN} {__version__}, or of the package given"
     return Table(rows, heading, ("name", "kind", "claims"))
 
@@ -125,11 +123,6 @@ def planted_names(item: Item) -> tuple[str, ...]:
         names, others = [(each.name, each.units) for each in item.components(sample_flight())], []
     ends = [names[0], ("...", "1"), names[-1]] if isinstance(item, Process) else names
     return tuple(name if units == "1" else f"{name} ({units})" for name, units in (*ends, *others))
-
-
-def kind_texts() -> Texts:
-    """Which command uses which kind."""
-    return Texts([f"{kind}: {text}" for kind, text in KINDS.items()], "Kinds")
 
 
 def plantable_texts(plantable: Mapping[str, Sequence[str]]) -> Texts:

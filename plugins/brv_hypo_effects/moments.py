@@ -57,7 +57,7 @@ class AftbodyLag(Aerodynamic):
     """
 
     name, title = "aftbody_lag", "lagged aftbody moment"
-    claims = "a moment of the aftbody that follows the angle of attack late: damping that is lost at small angles"
+    claims = "an aftbody moment that follows alpha late: damping that is lost at small angles"
     source = "Schoenenberger and Queen, RTO-MP-AVT-152, 2008; Kazemba, time-lagged aftbody moments, Georgia Tech 2012"
 
     angles: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
@@ -144,7 +144,7 @@ class ReynoldsDamping(SimilarDamping):
     """C_m + i C_n += c log10(Re / 1e6) (q + i r) d / 2V."""
 
     name, title = "reynolds_damping", "pitch damping that changes with Reynolds number"
-    claims = "a moment against the transverse rates whose coefficient follows the log of the Reynolds number"
+    claims = "a moment against the transverse rates that follows the log of the Reynolds number"
     parameter = "log10(Re/1e6)"
 
 

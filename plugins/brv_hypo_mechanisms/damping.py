@@ -15,7 +15,7 @@ class Damping(Mechanism):
     """C_N' += c (alpha_dot d / 2V); `complete` adds out of plane c alpha (p - phi_w_dot) d / 2V, of the precession."""
 
     name, title = "damping", "unstable damping"
-    claims = "a damping moment of the wrong sign, in the plane of the angle of attack; nothing out of plane"
+    claims = "a damping moment of the wrong sign in the plane of alpha; nothing out of plane"
     source = "report, Table 2.1 (a)"
     stated_family = "rate"
 
