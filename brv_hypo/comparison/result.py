@@ -220,9 +220,7 @@ class ProcessEstimate(NullIsNaN):
 
 
 class MechanismLimit(NullIsNaN):
-    """How large a mechanism may be, at 95 %. NaN where nothing is adequate, or the record says nothing of its size.
-    `coefficients_95` is empty of the leader, and of mechanisms with a delay.
-    """
+    """How large a mechanism may be, at 95 %; NaN where withheld. Leaders and delays have no `coefficients_95`."""
 
     mechanism: str = Field(description="name of the hypothesis")
     share_of_moment_95: float = Field(default=float("nan"), description="largest rms over the moment's; null: withheld")
@@ -399,8 +397,7 @@ class Comparison(HasCharts, Result):
     best_by_size: tuple[SizedModel, ...] = Field(default=(), description="best of the leader's terms, by their number")
     collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients: correlation (inflations)")
     collinear_groups: tuple[tuple[str, ...], ...] = Field(default=(), description="names that these pairs link")
-    functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict)
-    """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
+    functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict, description="along each flight")
     series: tuple[Series, ...] = Field(default=(), exclude=True)
 
     @property
