@@ -13,8 +13,17 @@ from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged, share_of
 from brv_hypo.comparison.limits import fitted_size
 from brv_hypo.comparison.preparation import APART_SIGMAS
-from brv_hypo.comparison.result import Comparison, Knot, ProcessEstimate, RecordError, Series, SizedModel, far_beyond
-from brv_hypo.comparison.summary import motion_histories
+from brv_hypo.comparison.result import (
+    Comparison,
+    Knot,
+    ProcessEstimate,
+    RecordError,
+    Series,
+    SizedModel,
+    TermEstimate,
+    far_beyond,
+)
+from brv_hypo.comparison.summary import estimates, motion_histories
 from brv_hypo.identification import Estimate, Identification
 from brv_hypo.identification.parameters import NonlinearParameter
 from brv_hypo.inference.derivatives import along_flights, damping, process_history, slope, value, with_processes
@@ -61,6 +70,7 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
     places = dict.fromkeys(k for k in (judged.null, judged.leader, best) if k is not None)
     histories = {judged.fits[k].name: _as_judged(judged, k) for k in places}
     alone, known = None if best is None else judged.fits[best].name, fit.estimated
+    covariance = fit.covariance[np.ix_(known, known)]
     return {
         "ranking": tuple(
             row.model_copy(
@@ -70,7 +80,7 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
             for row in comparison.ranking
         ),
         "record_errors": record_errors(own, judged.weight),
-        **collinear([fit.columns[k] for k in known], fit.covariance[np.ix_(known, known)]),
+        **collinear(estimates([fit.columns[k] for k in known], fit.values[known], covariance, frame), covariance),
         "functions": {k: along_flights(own, fit.columns, frame, by, judged.weight) for k, by in functions.items()},
         "series": tuple(_series(judged, k, histories, alone, motions[k]) for k in range(len(motions))),
     }
@@ -240,9 +250,9 @@ def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
     )
 
 
-def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:
+def collinear(terms: Sequence[TermEstimate], covariance: FloatArray) -> dict[str, Any]:
     """Fields of a result: pairs of coefficients that are nearly collinear, with their numbers, and what they form."""
-    labels = list(map(_timed, columns))
+    labels = [term.begins for term in terms]
     pairs = collinear_pairs(covariance).values()
     named = tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs)
     return {"collinear": named, "collinear_groups": collinear_groups(labels, covariance)}

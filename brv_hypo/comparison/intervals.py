@@ -151,6 +151,7 @@ def _derived(
 class Excess:
     """The net value farthest outside its mechanism's bounds, in words, and by how many standard errors."""
 
+    mechanism: str
     sigmas: float
     words: str
 
@@ -176,7 +177,7 @@ def out_of_bounds(fit: HypothesisFit) -> Excess | None:
         beyond = max(low - net.value, net.value - high, 0.0) / max(error, 1e-300)
         begin = f"{interval.start_s:.2f}" if common is None else at(common, interval.start_s)
         where = f"from {begin} to {at(common, interval.stop_s)}, where {low:g} to {high:g} is possible"
-        found.append(Excess(float(beyond), f"{net.name} = {net.value:.3g} {where}"))
+        found.append(Excess(net.mechanism, float(beyond), f"{net.name} = {net.value:.3g} {where}"))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
 

@@ -41,6 +41,11 @@ class TermEstimate(NullIsNaN):
     region_s: Interval | None = Field(default=None, description="when it acts, s; null: throughout")
     delay_s: float | None = Field(default=None, description="by which the moment acts late, s; null: at once")
 
+    @property
+    def begins(self) -> str:
+        """Its name with the time that it begins at, by which what is nearly collinear with others is known."""
+        return self.name + (f" at {self.region_s[0]:.2f} s" if self.region_s else "")
+
 
 class DerivedEstimate(NullIsNaN):
     """A quantity derived from coefficients of one region, such as phi_b."""
@@ -211,6 +216,11 @@ class ProcessEstimate(NullIsNaN):
     def is_of_moment(self) -> bool:
         """Whether it is a moment, not an error of instruments or air."""
         return self.family in ("stiffness", "rate", "side", "body", "harmonic")
+
+    @property
+    def sized(self) -> str:
+        """Its name with its size over the ordinary one, in words that `times` follows."""
+        return f"{self.name} {number(self.size / self.tolerance, 2)}"
 
     @property
     def is_far(self) -> bool:
@@ -447,23 +457,19 @@ class Comparison(HasCharts, Result):
             lines.append(f"{within}{repeated}.")
         leader = self.ranking[0].mechanism if self.ranking else ""
         lines.append(beyond_text(self.record_errors, leader, self.verdict.outcome))
-        lines += self._far_processes()
+        lines.append(self._far_processes())
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
             )
         return "\n".join(filter(None, lines))
 
-    def _far_processes(self) -> list[str]:
-        """Processes far beyond an ordinary size, but for those in the reason, in sentences: what they may be."""
+    def _far_processes(self) -> str:
+        """Processes far beyond an ordinary size, but for those in the reason, in a sentence: what they may be."""
+        advice = {True: "the model lacks something of its kind", False: "check its channels"}
         far = [each for each in self.verdict.processes if each.is_far and each.name not in self.verdict.reason]
-        kinds = {True: "the model lacks something of their kind", False: "check these channels"}
-        said = []
-        for of_moment, advice in kinds.items():
-            own = [each for each in far if each.is_of_moment is of_moment]
-            sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)} times" for each in own)
-            said += [f"Far beyond an ordinary size: {sizes}: {advice}."] if own else []
-        return said
+        sizes = ", ".join(f"{each.sized} times ({advice[each.is_of_moment]})" for each in far)
+        return f"Far beyond an ordinary size: {sizes}." if far else ""
 
     def _when(self) -> str:
         """From when to when the mechanism that the verdict names, or describes, acts, and at which Mach numbers."""

@@ -21,7 +21,7 @@ from brv_hypo.comparison.result import (
     Verdict,
     far_beyond,
 )
-from brv_hypo.io.text import error_share, hypothesis, number, percent, times
+from brv_hypo.io.text import error_share, hypothesis, percent, times
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -262,7 +262,7 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
     far = [each for each in far if each.is_of_moment or each.share_of_moment > own]
     if best in (None, NONE) or not far:
         return verdict
-    sizes = ", ".join(f"{each.name} {number(each.size / each.tolerance, 2)}" for each in far)
+    sizes = ", ".join(each.sized for each in far)
     sums = [each.mechanism for each in verdict.limits if best in each.mechanism.split("+") and each.mechanism != best]
     two = "" if sums or "+" in str(best) else f", or two mechanisms act (list their sum, as {best}+NAME)"
     lacks = f"something large is not on the list{two}"

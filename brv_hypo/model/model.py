@@ -29,7 +29,8 @@ from brv_hypo.mechanisms.registry import find, find_installed, nuisance_mechanis
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.term import Regressor, TimeBasis, delays_among
+from brv_hypo.model.term import Regressor, TimeBasis, delays_among, term_column
+from brv_hypo.motion.motion import Motion
 from brv_hypo.settings import problems_of
 
 TOLERATED = (TableIncrements.name, SlopeSchedule.name, StaticBend.name)
@@ -76,6 +77,12 @@ class Model(BaseModel):
     def having(self, *mechanisms: Mechanism) -> Model:
         """The same with further mechanisms, of which it has no regressors yet."""
         return self + Model(mechanisms={each.name: each for each in mechanisms})
+
+    def with_terms(self, mechanism: Mechanism, motion: Motion, flights: Sequence[int | None] = (None,)) -> Model:
+        """The same with all terms of a mechanism throughout the record, of each of some flights or (None) of all."""
+        terms = mechanism.terms(motion, {})
+        columns = tuple(term_column(mechanism, term, flight=number) for number in flights for term in terms)
+        return self + Model(mechanisms={mechanism.name: mechanism}, columns=columns)
 
     def without(self, names: Sequence[str]) -> Model:
         """The model without the moments of these effects."""
@@ -176,23 +183,24 @@ class ModelError(_Saved):
 
     mach: tuple[float, ...] = Field(default=(), description="increasing; empty: one value for all")
     own: tuple[float, ...] = Field(description="1 sigma of either coefficient, whole model")
-    elsewhere: tuple[float, ...] = Field(description="without what belongs to its own flights")
+    # Of earlier files: read, and not used.
+    elsewhere: tuple[float, ...] = Field(default=(), exclude=True, description="not used")
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> ModelError:
         wanted = max(len(self.mach), 1)
-        if (len(self.own), len(self.elsewhere)) != (wanted, wanted):
+        if len(self.own) != wanted:
             raise ValueError(
-                f"the model's error has {len(self.own)} and {len(self.elsewhere)} values for {len(self.mach)} Mach "
-                f"numbers, expected {wanted}: change all together, or drop it"
+                f"the model's error has {len(self.own)} values for {len(self.mach)} Mach numbers, expected {wanted}: "
+                "change both together, or drop it"
             )
         if any(b <= a for a, b in pairwise(self.mach)):
             raise ValueError("the Mach numbers of the model's error must increase")
         return self
 
-    def at(self, mach: FloatArray, *, elsewhere: bool) -> FloatArray:
+    def at(self, mach: FloatArray) -> FloatArray:
         """Its 1-sigma (n,) at the Mach numbers of a flight (n,); where these are unknown, the rms of all."""
-        values = np.array(self.elsewhere if elsewhere else self.own)
+        values = np.array(self.own)
         whole = float(np.sqrt(np.mean(values**2)))
         if not self.mach:
             return np.full(mach.shape, whole)
@@ -252,6 +260,7 @@ class SavedModel(_Saved):
     schedule: SlopeSchedule | None = Field(default=None, description="prior of the slope's change with Mach number")
     bend: StaticBend | None = Field(default=None, description="prior of its bend with alpha")
     covariance: tuple[tuple[float, ...], ...] = Field(default=(), description="of the coefficients; empty: unknown")
+    of_processes: tuple[tuple[float, ...], ...] = Field(default=(), description="part of it that processes make")
     covariance_elsewhere: tuple[tuple[float, ...], ...] = Field(default=(), exclude=True)  # of earlier files, the same
     error: ModelError | None = Field(default=None, description="what it left beyond the noise")
     found_on: tuple[str, ...] = Field(default=(), description="titles of its flights")
@@ -262,26 +271,28 @@ class SavedModel(_Saved):
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:
-        matrix = self.covariance
-        if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
-            raise ValueError(
-                f"covariance has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop it, "
-                "so that the columns' own std_error count"
-            )
+        for matrix in (self.covariance, self.of_processes if self.covariance else ()):
+            if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
+                raise ValueError(
+                    f"covariance has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop "
+                    "it, so that the columns' own std_error count"
+                )
         return self
 
-    def with_coefficients(self, values: FloatArray, covariance: FloatArray) -> SavedModel:
-        """With coefficients (columns,) and their covariance."""
+    def with_coefficients(self, values: FloatArray, covariance: FloatArray, of_processes: FloatArray) -> SavedModel:
+        """With coefficients (columns,), their covariance, and the part of it that processes make."""
         errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         known = zip(self.columns, values.tolist(), errors, strict=True)
         columns = tuple(each.model_copy(update={"value": value, "std_error": error}) for each, value, error in known)
-        return self.model_copy(update={"columns": columns, "covariance": tuple(map(tuple, covariance.tolist()))})
+        both = {"covariance": covariance.tolist(), "of_processes": of_processes.tolist()}
+        return self.model_copy(update={"columns": columns, **{k: tuple(map(tuple, each)) for k, each in both.items()}})
 
     @property
-    def known_covariance(self) -> FloatArray:
-        """That of the columns' coefficients; by their errors alone where there is none."""
+    def known_covariance(self) -> tuple[FloatArray, FloatArray]:
+        """That of the columns' coefficients, by their errors alone where there is none; and without processes."""
         errors = np.array([column.std_error or 0.0 for column in self.columns])
-        return np.array(self.covariance) if self.covariance else np.diag(errors**2)
+        whole = np.array(self.covariance) if self.covariance else np.diag(errors**2)
+        return whole, whole - np.array(self.of_processes) if self.covariance and self.of_processes else whole
 
     def of_as_many(self, flights: int) -> SavedModel:
         """The model without what belongs to single flights, unless it was found on as many."""
@@ -295,14 +306,17 @@ class SavedModel(_Saved):
     def _with(self, number: int | None) -> SavedModel:
         """With what all flights share, and what belongs to one of them where there is a number."""
         kept = [k for k, column in enumerate(self.columns) if column.flight in (None, number)]
-        covariance = tuple(tuple(self.covariance[j][k] for k in kept) for j in kept if self.covariance)
+        covariance, of_processes = (
+            tuple(tuple(matrix[j][k] for k in kept) for j in kept if matrix)
+            for matrix in (self.covariance, self.of_processes)
+        )
         columns = tuple(self.columns[k].model_copy(update={"flight": None}) for k in kept)
         record, errors = (
             tuple(each.model_copy(update={"flight": 0}) for each in every if each.flight == number)
             for every in (self.record, self.errors)
         )
         found = {"columns": columns, "record": record, "errors": errors, "covariance": covariance}
-        return self.model_copy(update=found)
+        return self.model_copy(update={**found, "of_processes": of_processes})
 
 
 def constant_moment(flights: Sequence[Flight]) -> StaticMoment:

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
-from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.errors import UsageError
 from brv_hypo.flight import FlightSource, load_flight, one_flight
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
@@ -40,7 +40,6 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, current_name
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
-from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
@@ -61,7 +60,7 @@ from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.final_model import pair
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections, require_samples
 from brv_hypo.tracing.result import TRACED_SMALLEST, ModelSummary, Trace, TraceConfig, TraceSettings
 
 # Held by `tests.studies.independent.sisters`: what the frozen model explains, and what its band holds.
@@ -75,6 +74,7 @@ _REGIONS = 8  # stretches of the record whose errors are reported apart
 _OF_THE_MOTION = ("motion", "force")  # what every fit finds anew: how the flight began, and the force that shows it
 _CUTOFF = 1e-12  # singular values of what is fitted that count, of the largest
 _MOST_SHOWN = 2000  # samples of the interval that are reported: a picture has no more
+_Spans = Sequence[tuple[float, float]]
 INSTRUMENTS = "instruments"  # what `refit` calls all errors of record and vehicle that the tolerances allow
 
 
@@ -98,9 +98,9 @@ def predict(
 
     Errors of the record that the model holds, within tolerances or beyond, are those of its own flight, and are left
     out, unless this is that flight (its file, or a copy of its record); so is what belongs to its times, unless `refit`
-    names it. On its own record nothing is tested.
-    What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
-    predicted as it is; `record` of the result says so.
+    names it. On its own record nothing is tested, nor where next to no samples are at Mach numbers and angles of attack
+    that the model was found at. What the model left on stretches held out where it was found widens the band. A record
+    that contradicts itself is predicted as it is; `record` of the result says so.
 
     Returns
     -------
@@ -127,11 +127,8 @@ def predict(
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
     most = record.samples // HELD_OUT_SHORTEST  # blocks, by which nothing is chosen here
-    if most < PREDICTED_BLOCKS:
-        raise UnanswerableError(
-            f"the record holds {record.samples} samples in the window, expected at least "
-            f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to know its motion and noise. Widen --start and --stop."
-        )
+    fewest = PREDICTED_BLOCKS * HELD_OUT_SHORTEST
+    require_samples(record, fewest, "know its motion and noise. Widen --start and --stop.")
     chosen = chosen.model_copy(update={"blocks": min(chosen.blocks, most)})
     with threadpool_limits(limits=1, user_api="blas"):
         found = _predict(record, content, path, refitted, chosen)
@@ -146,7 +143,8 @@ def _predict(
     content = content.of_as_many(1) if number is None else content.of_flight(number)
     if here:  # all of it was flown
         content = content.model_copy(update={"flown": {}})
-    fit, places, left_out = _frozen(flight, content, refit, config, here)
+    own_spans = [] if here else _own_spans(content, flight)
+    fit, places, left_out = _frozen(flight, content, refit, config, here, own_spans)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
@@ -162,39 +160,49 @@ def _predict(
     )
     # Coefficients that are fitted here are beside errors within tolerances.
     fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
-    known, known_by, both = _uncertain(fit, content, places)
+    known, stated, bare, scale = _uncertain(fit, content, places)
     moved = _moved_by_times(fit, content, places)
     change, differences, differs, misfit = None, tuple[Difference, ...](), False, float("nan")
-    covariance[np.ix_(known, known)] = known_by
+    covariance[np.ix_(known, known)] = stated
     terms = estimates(columns, np.where(np.isfinite(fixed), fit.values, within.values), covariance, data.frame)
-    motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content.flown, data)
+    motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content, data, own_spans)
     mach = motion.mach[samples]
-    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=bool(left_out))
-    if not here:  # a test of estimates against the record that they are of would count it twice
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach)
+    # A test of estimates against the record that they are of would count it twice, and one on next to no samples that
+    # the model is known at would be one of its extrapolation.
+    if not here and flown.sum() >= TRACED_SMALLEST:
         every = beside_processes(fit, fit.model, fit.problem.rows.part)
         every = replace(every, rows=every.rows.allowing(moved))
         alone = every.evidence([], ())
         better = max(alone, every.null, key=lambda each: each.level)
-        differences = find_differences(better, terms, fixed, both)
+
+        def differ(own: Evidence) -> FloatArray:
+            """What fixed coefficients may differ by on two flights that both have processes, or have none."""
+            return (stated if own.rows.groups else bare) + scale
+
+        differences = find_differences(better, terms, fixed, differ(better))
         differs = any(each.p_value < REFUSED for each in differences)
 
-        def changed(agreed: FloatArray, known_by: FloatArray) -> tuple[LocalChange | None, Evidence]:
-            """A change between two times beside coefficients that are fixed within this covariance."""
-            own, beside_all = (fixed_within(each, columns, agreed, known_by) for each in (alone, every.null))
+        def changed(places: Sequence[int]) -> tuple[LocalChange | None, Evidence]:
+            """A change between two times beside some of the fixed coefficients within their covariance."""
+            agreed = np.where(np.isin(np.arange(len(columns)), known[places]), fixed, np.nan)
+            pair = ((each, differ(each)[np.ix_(places, places)]) for each in (alone, every.null))
+            own, beside_all = (fixed_within(each, columns, agreed, there) for each, there in pair)
             return find_local_change(own, beside_all), own
 
-        change, within_both = changed(fixed, both)
+        change, within_both = changed(range(known.size))
         misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
         if change is not None and differs:
             # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
             differing = {(each.mechanism, each.term) for each in differences}
             same = [k for k, j in enumerate(known) if (terms[j].mechanism, terms[j].name) not in differing]
-            agreed = np.where(np.isin(np.arange(len(columns)), known[same]), fixed, np.nan)
-            change = change if changed(agreed, both[np.ix_(same, same)])[0] is not None else None
+            change = change if changed(same)[0] is not None else None
     remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     slopes = per_coefficient(data.frame, columns, 0, motion, motion.alpha, slope) @ within.values
     stiffness, modes = slopes * data.records[0].moment_scale, fit.problem.rows.nuisances.flights[0].walks.size // 2
     noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
+    # What processes make of the model's errors is in what it left on blocks held out.
+    covariance[np.ix_(known, known)] = bare
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], moved, noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     found = Prediction(
@@ -215,12 +223,13 @@ def _predict(
         misfit=misfit,
         left_out=left_out,
         own_record=here,
+        of_own=1.0 if here else sum(flight.window(*span).samples for span in own_spans) / flight.samples,
         reason="",
     )
-    of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
+    fitted = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise) for each in (left, left_within))
     remedy = ",".join((*refit, *more)) if more and not (here and content.errors) else ""
-    return found.model_copy(update={"reason": reason(found, of_own, rest, freely, remedy)})
+    return found.model_copy(update={"reason": reason(found, fitted, rest, freely, remedy)})
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
@@ -239,7 +248,7 @@ def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
 
 
 def _frozen(
-    flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool
+    flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool, own_spans: _Spans
 ) -> tuple[Fit, IntArray, tuple[str, ...]]:
     """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
     here, where the model is known if that is enough of the record; where its columns are in the file; and the
@@ -269,7 +278,7 @@ def _frozen(
         looks back to the moment that this flight's `own` coefficients (columns,) make, plain ones where not given.
         """
         data = correct(source, model, (corrections,))
-        there = _flown(content.flown, data)
+        there = _flown(content, data, own_spans)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         values = first_values(data.frame, data.whole, model.columns) if own is None else own
         data = data.with_in_plane_moment(model.columns, values)
@@ -301,14 +310,14 @@ def _frozen(
     return min(about, key=lambda each: each[0])[1], places, left_out
 
 
-def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which columns have fixed coefficients, their covariance in the file, and what they may differ by on this flight,
-    of which pressure and inertia scale all alike: neither flight's covariance has all of their errors.
+def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Which columns have fixed coefficients, their covariance in the file, that without processes, and what errors of
+    pressure and inertia of two flights add, which scale all alike: neither flight's covariance has all of them.
     """
     fixed = fit.known[: places.size]
     known = np.flatnonzero(np.isfinite(fixed))
-    known_by = content.known_covariance[np.ix_(places[known], places[known])]
-    return known, known_by, known_by + 2.0 * scale_variance(fit.problem) * np.outer(fixed[known], fixed[known])
+    stated, bare = (each[np.ix_(places[known], places[known])] for each in content.known_covariance)
+    return known, stated, bare, 2.0 * scale_variance(fit.problem) * np.outer(fixed[known], fixed[known])
 
 
 def _moved_by_times(fit: Fit, content: SavedModel, places: IntArray) -> ComplexArray:
@@ -325,8 +334,8 @@ def _within(fit: Fit, content: SavedModel, places: IntArray) -> tuple[FloatArray
     """Coefficients (columns,) and nuisances (unknowns,) where fixed coefficients may differ by what they are known to:
     exact ones err at the expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
     """
-    known, _, covariance = _uncertain(fit, content, places)
-    columns = fit.model.columns
+    known, _, bare, scale = _uncertain(fit, content, places)
+    columns, covariance = fit.model.columns, bare + scale
     design, values, free = _freed(fit, tuple(column.mechanism for column in columns)).all_unknowns
     variances, directions = np.linalg.eigh(covariance)
     inverse = (directions / np.sqrt(np.maximum(variances, _CUTOFF * variances.max(initial=0.0)))).T
@@ -356,6 +365,12 @@ def _found_on(content: SavedModel, flight: Flight) -> int | None:
     return next((content.digests.index(part) for part in parts if part in content.digests), None)
 
 
+def _own_spans(content: SavedModel, flight: Flight) -> _Spans:
+    """From when to when (s) another record has the samples that the model was estimated from."""
+    inside = ((a, b) for a, b in content.times if np.sum((flight.time >= a) & (flight.time <= b)) >= TRACED_SMALLEST)
+    return [span for span in inside if digest(flight.window(*span)) in content.digests]
+
+
 def _tolerated(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
@@ -379,9 +394,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
                 "model."
             )
         if isinstance(item, Mechanism):
-            motion = correct(source, model).frame.motions[0]
-            more = tuple(term_column(item, term) for term in item.terms(motion, {}))
-            model += Model(mechanisms={name: item}, columns=more)
+            model = model.with_terms(item, correct(source, model).frame.motions[0])
         elif item is not None:
             effects.append(name)
         elif name == INSTRUMENTS:
@@ -479,13 +492,17 @@ def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) 
     return tuple(found)
 
 
-def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
-    """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
+def _flown(content: SavedModel, data: Corrected, own_spans: _Spans) -> BoolArray:
+    """Where the flights that the model was found on flew in Mach number and angle of attack, but for what was its own
+    record (rows,).
+    """
     motion, samples = data.frame.motions[0], data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
-    for name, (low, high) in ends.items():
+    for name, (low, high) in content.flown.items():
         values = getattr(motion, name)[samples]
         there &= ~((values < low) | (values > high))
+    for start, stop in own_spans:
+        there &= (data.frame.time < start) | (data.frame.time > stop)
     return there
 
 

@@ -11,6 +11,7 @@ from scipy.stats import norm
 from brv_hypo.comparison.result import FlightSummary, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import p_value
+from brv_hypo.io.text import share as percent_of
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.model.term import BASELINE
 from brv_hypo.results import HasCharts, Row
@@ -117,6 +118,7 @@ class Prediction(HasCharts, Result):
     misfit: float = Field(default=float("nan"), description="rms residual over noise, beside processes; null: no test")
     left_out: tuple[str, ...] = Field(default=(), description="mechanisms of certain times of the model's own flights")
     own_record: bool = Field(default=False, description="whether the model was estimated from this record")
+    of_own: float = Field(default=0.0, description="share of the record that the model was estimated from")
     reason: str = Field(description="the outcome in words")
     record: RecordTrial = Field(default=RecordTrial(), description="faults of the record")
 
@@ -130,8 +132,16 @@ class Prediction(HasCharts, Result):
         """In a few words, whether the model holds on this flight."""
         if self.own_record:
             return "Prediction of the model's own record"
+        if np.isnan(self.misfit):
+            return f"Prediction: an extrapolation of the model{self.without}, not tested"
         contradicted = "is contradicted" if self.refused or self.lacks_an_effect else "is not contradicted"
-        return f"Prediction: the model{self.without} {contradicted}"
+        where = f" on {percent_of(self.flown)} of the samples, the rest is extrapolation" if self.extrapolates else ""
+        return f"Prediction: the model{self.without} {contradicted}{where}"
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether samples lie where the model is not known."""
+        return self.flown < PREDICTED_NEARLY_ALL
 
     @property
     def without(self) -> str:
@@ -158,10 +168,6 @@ _OWN_RECORD = (
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
 _ITS_ERRORS = "Errors of instruments and vehicle are those that were fitted to it within their tolerances. "
-_NOWHERE = (
-    "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts nothing about "
-    "this flight."
-)
 
 
 def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
@@ -176,8 +182,14 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f" Over the whole record its error is {left:.3g} of the mean square. Errors of record and vehicle (trim "
             f"among them) were assumed zero; `--refit {remedy}` lets this flight have its own."
         )
-    if found.flown == 0.0:
-        return _NOWHERE + helps
+    overlap = f" It was estimated from {percent_of(found.of_own)} of this very record, which is not counted."
+    own_part = overlap if 0.0 < found.of_own < 1.0 else ""
+    if np.isnan(found.misfit) and not found.own_record:
+        few = f"Only {percent_of(found.flown)}" if found.flown else "None"
+        return (
+            f"{few} of the samples lie at Mach numbers and angles of attack that the model was found at: elsewhere it "
+            f"is an extrapolation, and whether this flight contradicts it is not tested.{own_part}{helps}"
+        )
     said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
     said += (
         f"The frozen model{found.without} {_explains(found.explained)} the moments' mean square, noise aside; "
@@ -188,15 +200,16 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         said += (
-            f" On held-out blocks of the flights that it was found on its residual{found.without} was "
+            " On held-out blocks of the flights that it was found on its residual was "
             f"{band.model_error:.2g} (rms), {band.model_error / np.sqrt(noise):.1f} times the noise: the prediction "
             "interval includes this."
         )
-    if found.flown < PREDICTED_NEARLY_ALL:
+    if found.extrapolates and not found.own_record:
         said += (
-            f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
-            "the model was found at, and are not counted in these shares."
+            f" {percent_of(1.0 - found.flown)} of the samples lie elsewhere in Mach number or angle of attack than the "
+            "model was found: an extrapolation, which is neither tested nor in these shares."
         )
+    said += own_part
     said += _differs(found) + helps
     timed = [each.mechanism for each in found.refitted if each.region_s is not None or each.delay_s is not None]
     if timed:

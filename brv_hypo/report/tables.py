@@ -367,14 +367,13 @@ def term_table(
     digits = decimals(list(machs.values()))
     rows, marked = [], {name for group in collinear for name in group}
     for term in terms:
-        begins = term.name + (f" at {term.region_s[0]:.2f} s" if term.region_s else "")
         ends = [machs[end] for end in term.region_s or () if end in machs]
         rows.append(
             {
                 "term": _LONG.sub(lambda found: f"{float(found[0]):.4g}", term.name),
                 "plane": _PLANES.get(term.channel, term.channel),
                 "unit": term.units,
-                "value": known_to(term.value, term.std_error) + (COLLINEAR_MARK if begins in marked else ""),
+                "value": known_to(term.value, term.std_error) + (COLLINEAR_MARK if term.begins in marked else ""),
                 "sigma": number(term.std_error, 2),
                 "F": f_ratio(term.f_ratio),
                 "region, s": NOT_A_NUMBER if machs else interval(term.region_s),

@@ -14,14 +14,14 @@ from brv_hypo.comparison.result import beyond_text, within_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.mechanisms.registry import compared, plugin_files
-from brv_hypo.prediction.result import LocalChange, Prediction, Region
+from brv_hypo.prediction.result import Prediction
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing.result import Family, ProcessHistory, Step, Trace, lasting_steps, names_added
+from brv_hypo.tracing.result import Family, Step, Trace, lasting_steps, names_added
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
 
@@ -45,11 +45,6 @@ _ERRORS = (
     "constant: a constant slope, for comparison (setting `baseline`)."
 )
 COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
-FITTED_WORSE = (
-    "The model fitted here is fitted to rates and forces, not to these moments: what it lacks may pull it off further "
-    "than the frozen one is."
-)
-WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -109,20 +104,9 @@ def families_text(step: Step) -> str:
         whole, low, high = (share(value) for value in (each.share, *each.interval_95))
         beside = [] if low == high == whole else [f"{low.removesuffix(' %')} to {high}"]
         beside += [f"with {', '.join(each.effects)}"] if each.effects else []
-        beside += [] if each.history is None else [f"mostly {each.history.process}"]
+        beside += [] if each.process is None else [f"mostly {each.process}"]
         said.append(f"{each.family} {whole}" + (f" ({', '.join(beside)})" if beside else ""))
     return ", ".join(said)
-
-
-def _history_text(history: ProcessHistory) -> str:
-    """A process with the least and the largest value of its history."""
-    units = "" if history.units == "1" else f" {history.units}"
-    places = []
-    for k in sorted({history.values.index(min(history.values)), history.values.index(max(history.values))}):
-        value = f"{number(history.values[k], 2)} ± {number(history.std_errors[k], 1)}{units}"
-        where = f"Mach {number(history.mach[k])}, alpha {number(np.degrees(history.alpha_rad[k]), 2)}°"
-        places.append(f"{value} at {history.time_s[k]:.2f} s ({where})")
-    return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
 
 
 def trace_document(result: Trace) -> Document:
@@ -164,8 +148,6 @@ def trace_document(result: Trace) -> Document:
     errors_of_record, known = result.record_errors, result.reconstruction
     instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record, result.model.terms)
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
-    ended = result.final_residual is None or result.steps[-1].added is None  # the last step's is the final one
-    final = () if ended or result.final_residual is None else (result.final_residual.words,)
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
@@ -173,13 +155,12 @@ def trace_document(result: Trace) -> Document:
     ]
     own = [term for term in result.model.terms if term.mechanism in result.findings]
     heading = "What was found, beside all that was added and without processes: quote those of compare"
-    estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST)
-    warnings = (*fault_texts(result.record), *result.caveats)
+    groups = [group for group in result.collinear_groups if any(term.begins in group for term in own)]
+    estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST, collinear=groups)
+    limits = () if known is None else known.warnings
+    warnings = (*fault_texts(result.record), *result.caveats, *limits)
     has = [(*result.given, *names_added(result.steps[:k])) for k in range(len(result.steps))]
-    steps = [
-        *(b for step, own in zip(result.steps, has, strict=True) for b in _step(step, own)),
-        Texts(final, "Final residual", bullets=False),
-    ]
+    steps = [b for step, own in zip(result.steps, has, strict=True) for b in _step(step, own)]
     sections = [
         Section("Data quality", [tables.warning_texts(warnings), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in _charts(result).items()),
@@ -197,6 +178,7 @@ def trace_document(result: Trace) -> Document:
         blocks=sections,
         beside=(
             estimates,
+            Texts(tables.collinear_names(groups), bullets=False),
             errors,
             Texts((_ERRORS,), bullets=False, shown="verbose"),
             families_chart(result.steps[0]),
@@ -208,15 +190,13 @@ def trace_document(result: Trace) -> Document:
 def _found_text(result: Trace) -> str:
     """What was found, and what of the error is left; without a name, which families hold the first model's residual."""
     if result.findings:
-        steps, before = lasting_steps(result.steps), result.steps[0].error_before.held_out
-        tolerated = {each.added: each for each in steps if each.exceeds_tolerance}
-        others, said = [name for name in result.findings if name not in tolerated], []
-        if others:
-            left = share([each.held_out for each in result.account if each.model in others][-1] / before)
-            said = [f"With {', '.join(others)}, the held-out error is {left} of what it is without."]
-        large = "is larger than its tolerance, within which every model has it: with none at all, the held-out error is"
-        for name, step in tolerated.items():
-            said.append(f"{name} {large} {number(1.0 / (step.error_ratio_held_out or 1.0), 2)} times as large.")
+        ratios = dict.fromkeys(result.findings, 1.0)  # to a model with none of it, also of what has a tolerance
+        for step in lasting_steps(result.steps):
+            if step.added in ratios:
+                ratios[step.added] *= step.error_ratio_held_out or 1.0
+        said = (
+            f"With {name}, the held-out error is {share(each)} of what it is without." for name, each in ratios.items()
+        )
         return " ".join(said)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
@@ -274,7 +254,6 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         }
         for row in ordered
     ]
-    largest = next((each.history for each in filter(is_sure, step.decomposition)), None)
     doubtful = [each for each in step.decomposition if not is_sure(each)]
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
@@ -295,7 +274,6 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, columns, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if later else "always"),
         Texts(words, bullets=False, shown="verbose" if later else "always"),
-        Texts((f"{_history_text(largest)}.",) if largest is not None else (), bullets=False, shown="verbose"),
         Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
 
@@ -313,20 +291,18 @@ def outcome_text(step: Step, has: Sequence[str] = ()) -> str:
         why = "; ".join([*reasons, *(f"few repetitions name {part}" for part in parts)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
         return f"added nothing{f' ({why})' if why else ''}; {errors}"
-    what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
+    here = f" (values of this step, not of the final model: {step.description})" if step.description else ""
+    what = f"added {step.added}{here}"
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"
     text = (
         f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
-        f"(ratio {ratio}{f' to a model with no {step.added}' if step.exceeds_tolerance else ''})"
+        f"(ratio {ratio} to a model without any)"
     )
     if step.evidence_gain is not None:
         text += f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
-    if step.held_out_score is not None:
-        fall = number(step.held_out_score, 2)
-        text += f"; of moments and force, each over its noise, the squared error held out falls by {fall} of its sigmas"
     if step.ratio_of_flights_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.ratio_of_flights_left_out)}"
     if step.doubts:
@@ -342,18 +318,14 @@ def prediction_document(result: Prediction) -> Document:
         {"moments less": name, "mean square": number(value), "ratio": _percent(value / result.error.without)}
         for name, value in _errors(result).items()
     ]
-    regions = [{**_place(region), "ratio": _percent(region.ratio)} for region in result.regions]
-    change = result.local_change
-    differences = [] if change is None or result.lacks_an_effect else [
+    regions = [
         {
-            "term": change.term,
-            **_place(change),
-            "difference": number(change.value),
-            "sigma": number(change.std_error, 2),
-            "units": "" if change.units == "1" else change.units,
-            "F": number(change.f_ratio),
+            "time, s": interval((region.start_s, region.stop_s)),
+            "Mach": "" if region.mach is None else interval(region.mach),
+            "ratio": _percent(region.ratio),
         }
-    ]  # fmt: skip
+        for region in result.regions
+    ]
     return Document(
         title=f"Predicted: {flight.title or flight.path}",
         subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
@@ -362,30 +334,16 @@ def prediction_document(result: Prediction) -> Document:
         decided=sound and not (result.refused or result.lacks_an_effect),
         blocks=(
             Table(errors, "Mean square of the moment coefficients", ("moments less",)),
-            Texts((FITTED_WORSE,) if result.error.own > result.error.frozen else (), bullets=False),
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
-            Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
-            *prediction_charts(result),
+            band_chart(result),
+            term_table("Frozen, as traced", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table(
-                "Frozen; sigma: of the fit, without processes", result.frozen, "always", most=COEFFICIENTS_AT_FIRST
+                "Fitted to this flight; sigma: without processes", result.refitted, "always", most=COEFFICIENTS_AT_FIRST
             ),
-            term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
             tables.warning_texts(fault_texts(result.record)),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )
-
-
-def prediction_charts(result: Prediction) -> list[Chart]:
-    """Errors as shares of that without a model, over the whole record and by region."""
-    title = "mean square over that without a model, %"
-    errors = {name: value / result.error.without for name, value in _errors(result).items()}
-    regions = {f"{interval((region.start_s, region.stop_s))} s": region.ratio for region in result.regions}
-    return [
-        band_chart(result),
-        Chart("errors", "Errors of the moments", title, charts.share_bars(errors, "first", _percent)),
-        Chart("regions", "Frozen model, by region", title, charts.share_bars(regions, "first", _percent)),
-    ]
 
 
 def band_chart(result: Prediction) -> Chart:
@@ -412,19 +370,12 @@ def _percent(ratio: float) -> str:
     return f"{number(100.0 * ratio, 2)} %"
 
 
-def _place(region: Region | LocalChange) -> dict[str, str]:
-    return {
-        "time, s": interval((region.start_s, region.stop_s)),
-        "Mach": "" if region.mach is None else interval(region.mach),
-    }
-
-
 def _errors(result: Prediction) -> dict[str, float]:
     error, band = result.error, result.band
     return {
         "nothing": error.without,
         f"the frozen model{result.without}": error.frozen,
         "the frozen model, record errors fitted": float(np.mean(np.subtract(band.measured, band.predicted) ** 2)),
-        "the model fitted here": error.own,
+        "the model fitted here (to rates and forces)": error.own,
         "noise alone": error.noise,
     }

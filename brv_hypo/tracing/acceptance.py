@@ -16,7 +16,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.intervals import out_of_bounds, within_bounds
+from brv_hypo.comparison.intervals import Excess, out_of_bounds, within_bounds
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise
@@ -50,7 +50,6 @@ LOOP_SCHEDULE = 0.5  # of what the best explains, from which a schedule comes fi
 LOOP_REPEATED_BLOCKS = (0.5, 0.75, 1.25, 1.5)  # of the configured number; pressure and inertia unknown within tolerance
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
-FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
 IMPOSSIBLE_SIGMAS = 3.0  # standard errors by which a value may lie outside what is possible; convention
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
@@ -115,6 +114,12 @@ class Candidate:
         chance = float(stats.f.sf(self.fall / extra, extra, max(fit.effective - fit.parameters, 1.0)))
         chosen = len({column.choice for column in fit.selected})
         return min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0)
+
+
+def impossible_value(fit: HypothesisFit) -> Excess | None:
+    """A value of one flight's fit that is significantly beyond what its mechanism allows; None where there is none."""
+    excess = out_of_bounds(fit)
+    return excess if excess is not None and excess.sigmas > IMPOSSIBLE_SIGMAS else None
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -269,15 +274,14 @@ class Tried:
         return after / before
 
     @cached_property
-    def impossible(self) -> str:
-        """A value that is impossible, in words; empty where none is, and of several flights, whose values differ."""
-        excess = out_of_bounds(self.candidate.fit) if len(self.fit.data.records) == 1 else None
-        return excess.words if excess is not None and excess.sigmas > IMPOSSIBLE_SIGMAS else ""
+    def impossible(self) -> Excess | None:
+        """A value that is impossible; None where none is, and of several flights, whose values differ."""
+        return impossible_value(self.candidate.fit) if len(self.fit.data.records) == 1 else None
 
     def doubts(self, named_in: float, choices: int) -> tuple[str, ...]:
         """Why it is no finding, one of so many choices; empty for a finding."""
         (ratio, error), found = self.ratios["both"], []
-        lowers = ratio + FINDING_SIGMAS * error < 1.0 and self.ratios["reported"][0] < 1.0
+        lowers = ratio + HELD_OUT_SIGMAS * error < 1.0 and self.ratios["reported"][0] < 1.0
         if not lowers:
             found.append("the held-out error of the moments does not fall significantly")
         if (self.elsewhere or 0.0) >= 1.0:
@@ -287,8 +291,8 @@ class Tried:
                 f"processes may explain the flight instead: beside them it gains {self.gain:.1f} in ln evidence, and "
                 f"one of {choices} effects that were tried needs {SPECIFIC + np.log(choices):.1f}"
             )
-        if self.impossible:
-            found.append(f"its value is impossible: {self.impossible}")
+        if self.impossible is not None:
+            found.append(f"its value is impossible: {self.impossible.words}")
         if named_in < FINDING_REPEATED:
             found.append(f"fewer than {100.0 * FINDING_REPEATED:.0f} % of the repetitions name it")
         return tuple(found)

@@ -21,7 +21,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
-from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
@@ -30,7 +29,7 @@ from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
-from brv_hypo.mechanisms.contract import MomentProcess, Process, RecordEffect, RecordProcess, rms_of_shapes
+from brv_hypo.mechanisms.contract import MomentProcess, RecordEffect, RecordProcess
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
@@ -38,7 +37,7 @@ from brv_hypo.model.term import Regressor, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, NORMAL_95, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance, history_name
-from brv_hypo.tracing.result import Family, ProcessHistory
+from brv_hypo.tracing.result import Family
 
 # At least, where families are compared: of each shape of a process of moments, as of the damping; of each channel's
 # error, as of the turbulence, next to the 40 of the body's random moments.
@@ -47,7 +46,6 @@ RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the
 RECORD_SHARE_LARGEST = 1.0  # of what is measured, that an error in proportion to it may be: then nothing was measured
 RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
 _Process = TypeVar("_Process", MomentProcess, RecordProcess)
-_PLACES = 9  # at which the history of a process is reported
 
 
 @dataclass(frozen=True)
@@ -154,19 +152,28 @@ class Beside:
         falls = dict[str, FloatArray]()
         for family, before, after in zip(order, squares, squares[1:], strict=False):
             falls[family] = np.asarray(falls.get(family, 0.0) + before - after)
-        histories = self._histories(selected[-1][1]) if selected else {}
+        largest = dict[str, str]()
+        for own in [last for _, last in selected[-1:]]:  # of each family the largest process is the last here
+            sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(own.rows.groups))]
+            largest = {own.rows.groups[k].family: own.rows.groups[k].name for k in np.argsort(sizes).tolist()}
         found = []
         for family, fall in falls.items():
             share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
             # Efron and Stein, Ann. Statist. 9, 1981.
             error = NORMAL_95 * jackknife_error((fall.sum() - fall) / np.maximum(left_out, 1e-300))
             low, high = np.clip([share - error, share + error], 0.0, 1.0).tolist()
-            known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
-            if family in known_by:
-                others = [each for each in known_by if each != family]
-                known["evidence"] = selected[-1][1].level - finer.evidence(names, others).level
-            effects = tuple(name for name in names if self.families[name] == family)
-            found.append(Family.model_validate({**known, "effects": effects, "history": histories.get(family)}))
+            others = [each for each in known_by if each != family]
+            evidence = selected[-1][1].level - finer.evidence(names, others).level if family in known_by else 0.0
+            found.append(
+                Family(
+                    family=family,
+                    share=min(max(share, 0.0), 1.0),
+                    interval_95=(low, high),
+                    evidence=evidence,
+                    effects=tuple(name for name in names if self.families[name] == family),
+                    process=largest.get(family),
+                )
+            )
         return tuple(sorted(found, key=lambda each: -each.share))
 
     @cached_property
@@ -184,44 +191,17 @@ class Beside:
 
     def _selected(self, names: Sequence[str], families: Sequence[str] = ()) -> list[tuple[str, Evidence]]:
         """Families, all or of some, one after another, each the one that raises the evidence most, while that gains."""
-        rest, known = list(families or dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
-        found: list[tuple[str, Evidence]] = []
+        every = list(families or dict.fromkeys(group.family for group in self.rows.groups))
+        found = list[tuple[str, Evidence]]()
         level = self.evidence(names, ()).level
-        while rest:
-            tried = {family: self.evidence(names, [*known, family]) for family in rest}
-            best = max(rest, key=lambda family: tried[family].level)
+        while len(found) < len(every):
+            known = [family for family, _ in found]
+            tried = {each: self.evidence(names, [*known, each]) for each in every if each not in known}
+            best = max(tried, key=lambda family: tried[family].level)
             if tried[best].level <= level + FAMILY_SIGNIFICANT:
                 break
             found.append((best, tried[best]))
             level = tried[best].level
-            known.append(best)
-            rest.remove(best)
-        return found
-
-    def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
-        """Of each family the largest process's history on the first flight; of several shapes the length."""
-        every: tuple[Process, ...] = (*_finer(moment_processes()), *_finer(record_processes()))
-        processes, groups = {process.name: process for process in every}, own.rows.groups
-        sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
-        motion, found = self.rows.frame.motions[0], dict[str, ProcessHistory]()
-        places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-        shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
-        for family, k in {groups[k].family: k for k in np.argsort(sizes).tolist()}.items():
-            process = processes[groups[k].name]
-            unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
-            values, errors = (each / unit for each in process_history(own, k, process.splines, 0, shares))
-            value = np.linalg.norm(values, axis=0)
-            sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
-            if len(values) == 1:
-                (value,), (sigma,) = values, errors
-            histories = {"values": value, "std_errors": sigma, "mach": motion.mach[places]}
-            histories |= {"time_s": motion.time[places], "alpha_rad": motion.alpha[places]}
-            found[family] = ProcessHistory(
-                process=process.name,
-                title=process.title,
-                units=groups[k].units,
-                **{name: tuple(values.tolist()) for name, values in histories.items()},
-            )
         return found
 
 

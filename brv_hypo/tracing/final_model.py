@@ -6,28 +6,27 @@ Entrance: `gathered`, the result of a trace.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from scipy import stats
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.diagnostics import collinear, motions_beside, record_errors, whitened
-from brv_hypo.comparison.intervals import estimate
+from brv_hypo.comparison.intervals import Excess, estimate
 from brv_hypo.comparison.result import RecordError, TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, motion_summary, of_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.inference.refinement import FINAL
+from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.io.text import estimated, times
 from brv_hypo.linearisation.channels import effective_samples
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, SavedRecordError, digest
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.tracing.acceptance import impossible_value
 from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.fit import Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
@@ -42,8 +41,23 @@ OF_AN_ERROR = {"value", "std_error", "units"}  # of the record, that an estimate
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
 
 
+def impossible_in(whole: Fit, beside: Evidence) -> Excess | None:
+    """A value of the final model that is significantly beyond what its mechanism allows; its errors have what processes
+    make of them. None where there is none, and of several flights, whose values differ.
+    """
+    if len(whole.data.records) > 1:
+        return None
+    columns, frame, covariance = whole.model.columns, whole.data.frame, whole.joint_covariance.copy()
+    covariance[: len(columns), : len(columns)] += beside.errors_of_processes[0]
+    mechanisms = tuple(frame.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in columns))
+    known = columns, 0, whole.values, np.zeros(0), 0, 1.0, 0, whole.nonlinear, covariance
+    return impossible_value(HypothesisFit("model", mechanisms, frame, *known))
+
+
 def gathered(
     fit: Fit,
+    whole: Fit,
+    impossible: Excess | None,
     before: ResidualMoments,
     beside: Evidence,
     steps: Sequence[Step],
@@ -53,20 +67,21 @@ def gathered(
 ) -> Trace:
     """The result of the contract, of residual moments `before`, and the last model's evidence `beside` processes."""
     data, flights, final = fit.data, fit.data.source.records, fit.residual
-    whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     columns, values, covariance = whole.coefficients
+    # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
+    # the baseline's tolerances, of which they make none, come last.
+    of_processes = np.pad(beside.errors_of_processes[0], (0, values.size - len(fit.model.columns)))
+    covariance = covariance + of_processes
+    terms = estimates(columns, values, covariance, data.frame)
     weight = beside.rows.problem.efficiency_of(beside.residual)  # errors count samples that are independent
     slopes, damped = (
         along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, by, weight) for by in (slope, damping)
     )
-    # The coefficients are fitted without processes, and have the errors that these make of them besides; the columns of
-    # the baseline's tolerances, of which they make none, come last.
-    of_processes = np.pad(beside.errors_of_processes[0], (0, values.size - len(fit.model.columns)))
     number = final.flight or 0  # the one of several that is drawn
     rows = np.arange(fit.left.usable.size)[data.frame.span(number)]
     kept = (before.usable & fit.left.usable)[rows]
     samples, rows = data.frame.samples(number)[kept], rows[kept]
-    every = zip(flights, data.frame.reconstructions, slopes, strict=True)
+    pairs = zip(flights, slopes, strict=True)
     alone = [data.source.read(k, Model(), {})[1] for k in range(len(flights))]
     motions, moved = motions_beside(data.frame.reconstructions, alone)
     in_record = _record_terms(whole)
@@ -84,20 +99,24 @@ def gathered(
         hints=names_added(steps, "hint"),
         families=steps[0].families,
         account=account,
-        model=ModelSummary(
-            terms=(*estimates(columns, values, covariance + of_processes, data.frame), *in_record),
-            definition=_definition(fit, whole),
-        ),
+        model=ModelSummary(terms=(*terms, *in_record), definition=_definition(fit, whole, covariance, of_processes)),
         reconstruction=motion_summary(motions, moved),
         record_errors=tuple(known),
-        **collinear(columns, covariance),
+        **collinear(terms, covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
         unexplained=None if final.white else f"The residual has {final.words}.",
-        caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
+        caveats=(
+            *(
+                ()
+                if impossible is None
+                else (f"{impossible.mechanism} is beyond what is possible: {impossible.words}",)
+            ),
+            *dict.fromkeys(each for flight, own in pairs for each in _caveats_of(flight, own)),
+        ),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
         discovered=_described(fit.model, columns, values) or discovery,
@@ -163,8 +182,8 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
     return " and ".join(said)
 
 
-def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
-    """What in the data could pose as an effect, then what limits its motion."""
+def _caveats_of(flight: Flight, slope: Derivative) -> list[str]:
+    """What in the data could pose as an effect."""
     found, share = list[str](), flight.ax / flight.dynamic_pressure
     drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
     slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
@@ -187,7 +206,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
                 f"at {times(slope.time_s[worst])}: density is wrong there (family air), and every coefficient with it "
                 "(no other test here shows that), or the axial force coefficient changes"
             )
-    return [*found, *(each for each in reconstruction.warnings if each not in reconstruction.own_warnings)]
+    return found
 
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
@@ -205,25 +224,23 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     return tuple(found)
 
 
-def _definition(fit: Fit, whole: Fit) -> SavedModel:
-    """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
-    columns, values, covariance = whole.coefficients
-    flights, lasts, left = fit.data.source.records, fit.model.lasting, fit.left
-    if not np.all(lasts):  # as it is on other flights
-        known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
-        left = replace(fit, known=known).left
+def _definition(fit: Fit, whole: Fit, covariance: FloatArray, of_processes: FloatArray) -> SavedModel:
+    """The model, fitted to the whole record, as its file, with what is known of it where it was found. `covariance`
+    (columns, columns) is that of its coefficients with the part `of_processes`.
+    """
+    (columns, values, _), flights = whole.coefficients, fit.data.source.records
     # Small angles of attack, where its moment is nothing, it knows as well as those that it was found at.
     mach, alpha = (np.concatenate([getattr(m, name) for m in fit.data.frame.motions]) for name in ("mach", "alpha"))
     flown = {"alpha": (0.0, float(alpha.max()))}
     if np.all(np.isfinite(mach)):
         flown["mach"] = (float(mach.min()), float(mach.max()))
-    saved = whole.model.but(columns=columns).saved().with_coefficients(values, covariance)
+    saved = whole.model.but(columns=columns).saved().with_coefficients(values, covariance, of_processes)
     errors = [*whole.errors_of_times, *({} for _ in columns[len(whole.values) :])]
     pairs = zip(saved.columns, errors, strict=True)
     return saved.model_copy(
         update={
             "columns": tuple(column.model_copy(update={"time_errors": own}) for column, own in pairs),
-            "error": model_error(fit.data, fit.left, left),
+            "error": model_error(fit.data, fit.left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
             "digests": tuple(map(digest, flights)),
@@ -237,33 +254,25 @@ def _definition(fit: Fit, whole: Fit) -> SavedModel:
     )
 
 
-def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
-    """What the model leaves on blocks held out of the fit, and leaves there without what belongs to its own flights: by
-    Mach number, each stretch with its neighbours, as one holds few cycles; nothing that noise may leave by chance.
+def model_error(data: Corrected, left: ResidualMoments) -> ModelError:
+    """What the model leaves on blocks held out of the fit: by Mach number, each stretch with its neighbours, as one
+    holds few cycles; nothing that noise may leave by chance.
     """
     parts = [held.rows[a:b] for held in (data.deciding, data.reported) for a, b in held.pieces]
-    pieces = [rows for rows in parts if np.any(own.usable[rows])]
+    pieces = [rows for rows in parts if np.any(left.usable[rows])]
     mach = np.concatenate([each.mach[data.frame.samples(k)] for k, each in enumerate(data.frame.motions)])
     places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
     if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:
         order = np.argsort(places)
         places, pieces = places[order], [pieces[k] for k in order]
         groups = [np.concatenate(pieces[max(k - 1, 0) : k + 2]) for k in range(len(pieces))]
-    sigmas = [tuple(np.sqrt(_beyond(left, pieces, groups)).tolist()) for left in (own, elsewhere)]
-    return ModelError(mach=tuple(places.tolist()) if apart else (), own=sigmas[0], elsewhere=sigmas[1])
-
-
-def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], groups: Sequence[IntArray]) -> FloatArray:
-    """Mean square of either coefficient beyond that of the noise, on each of some groups of pieces."""
     kept = [rows[left.usable[rows]] for rows in pieces]
-    parts = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
-    freedom = (
-        effective_samples(parts)
-        / sum(rows.size for rows in kept)
-        * np.array([np.sum(left.usable[rows]) for rows in groups])
-    )
+    normal = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
+    share = effective_samples(normal) / sum(rows.size for rows in kept)
+    freedom = share * np.array([np.sum(left.usable[rows]) for rows in groups])
     found, noise = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in groups]).T
     # Of a mean square with so many degrees of freedom, were it noise alone; of all of them the largest exceeds what
     # chance gives one.
     most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(groups), freedom) / freedom
-    return np.asarray(np.where(found > most, found - noise, 0.0), dtype=float)
+    beyond = np.sqrt(np.where(found > most, found - noise, 0.0))
+    return ModelError(mach=tuple(places.tolist()) if apart else (), own=tuple(beyond.tolist()))

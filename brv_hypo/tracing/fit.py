@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised_flights, on_rows
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
@@ -49,6 +50,13 @@ MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most,
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 REPORTED_REGIONS = 8  # parts of a record, of which the worst is reported
+
+
+def require_samples(flight: Flight, fewest: int, to: str) -> None:
+    """UnanswerableError for a record that holds too few samples to do what the sentence goes on with."""
+    if flight.samples < fewest:
+        known = f"the record holds {flight.samples} samples in the window, expected at least {fewest}"
+        raise UnanswerableError(f"{known}: too few to {to}")
 
 
 @dataclass(frozen=True)
@@ -207,7 +215,14 @@ class Fit:
     @property
     def covariance(self) -> FloatArray:
         """That of coefficients and nuisances, 0 of fixed ones; where none is, with what delays and knots err by."""
-        return self._errors[0]
+        return self._errors[np.ix_(self._places, self._places)]
+
+    @property
+    def joint_covariance(self) -> FloatArray:
+        """That of coefficients, then delays and knots, where none is fixed."""
+        columns, times = len(self.model.columns), len(self.nonlinear)
+        places = np.append(np.arange(columns), len(self._errors) - times + np.arange(times))
+        return self._errors[np.ix_(places, places)]
 
     @property
     def nonlinear(self) -> tuple[Nonlinear, ...]:
@@ -217,26 +232,27 @@ class Fit:
     @property
     def errors_of_times(self) -> list[dict[str, float]]:
         """1-sigma of the delays and knots of each column."""
-        pairs = list(zip(self.nonlinear, self._errors[1].tolist(), strict=True))
+        sigmas = np.sqrt(np.diag(self.joint_covariance))[self.values.size :].tolist()
+        pairs = list(zip(self.nonlinear, sigmas, strict=True))
         return [{each.name: sigma for each, sigma in pairs if k in each.columns} for k in range(self.values.size)]
 
     @cached_property
-    def _errors(self) -> tuple[FloatArray, FloatArray]:
-        """`covariance`, and 1-sigma of delays and knots."""
+    def _errors(self) -> FloatArray:
+        """Covariance of all unknowns and, where none is fixed, of delays and knots after them."""
         problem, columns = self.problem, self.model.columns
         design, values, free = self.all_unknowns
         residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
+        # Constants and nuisances are subtracted from the problem's samples already.
+        counted = problem.samples + int(free[len(columns) :].sum())
         if not free.all():
             efficiency = problem.efficiency_of(residual)
         elif nonlinear := self.nonlinear:
             slopes = prediction_slopes(nonlinear, columns, self.values, self.data.frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
-        covariance, count = np.zeros((free.size, free.size)), int(free.sum())
-        # Constants and nuisances are subtracted from the problem's samples already.
-        counted = problem.samples + int(free[len(columns) :].sum())
-        found = covariance_of(fitted, residual, counted, efficiency)
-        covariance[np.ix_(free, free)] = found[:count, :count]
-        return covariance[np.ix_(self._places, self._places)], np.sqrt(np.diag(found)[count:])
+            free = np.append(free, np.ones(len(nonlinear), dtype=bool))
+        covariance = np.zeros((free.size, free.size))
+        covariance[np.ix_(free, free)] = covariance_of(fitted, residual, counted, efficiency)
+        return covariance
 
     @property
     def coefficients(self) -> Coefficients:
@@ -307,13 +323,13 @@ class Fit:
 
     @cached_property
     def residual(self) -> Residual:
-        """Tests of the residual; size and place are of the flight with the largest residual against its noise."""
+        """Tests of the residual; size and place, over the noise, are of the flight where it is largest over that."""
         data, left = self.data, self.left
         spans = [data.frame.span(number) for number in range(len(data.records))]
         ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
         number = int(np.argmax(ratios))
         usable, samples = left.usable[spans[number]], data.frame.samples(number)
-        motion, body = data.frame.motions[number], left.body[spans[number]][usable]
+        motion, body = data.frame.motions[number], (left.body / left.noise)[spans[number]][usable]
         time, samples = motion.time[samples], samples[usable]
         plane = plane_from_body(body, motion.windward_meridian[samples])
         channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}

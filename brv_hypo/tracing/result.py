@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
@@ -102,19 +101,6 @@ class Residual(NullIsNaN):
         )
 
 
-class ProcessHistory(NullIsNaN):
-    """The history of a process on the first flight."""
-
-    process: str = Field(description="name")
-    title: str = Field(description="in words")
-    units: str = Field(description="of `values`; of a moment coefficient over the shape's")
-    time_s: tuple[float, ...] = Field(description="s")
-    mach: tuple[float, ...] = Field(description="there; null: unknown")
-    alpha_rad: tuple[float, ...] = Field(description="there, rad")
-    values: tuple[float, ...] = Field(description="coefficient, or length of several")
-    std_errors: tuple[float, ...] = Field(description="1 sigma")
-
-
 class Family(NullIsNaN):
     """What a family explains of the residual's mean square."""
 
@@ -123,7 +109,7 @@ class Family(NullIsNaN):
     interval_95: Interval = Field(description="of the share")
     evidence: float = Field(default=0.0, description="nats of its processes beside all others")
     effects: tuple[str, ...] = Field(default=(), description="added ones of the family")
-    history: ProcessHistory | None = Field(default=None, description="of its largest process")
+    process: str | None = Field(default=None, description="the largest of its processes; `compare` has its history")
 
 
 class TriedCandidate(NullIsNaN):
@@ -172,13 +158,6 @@ class Step(NullIsNaN):
     def as_hint(self, doubt: str) -> Step:
         """The same as a hint, for a further doubt."""
         return self.model_copy(update={"status": "hint", "doubts": (*self.doubts, doubt)})
-
-    @property
-    def exceeds_tolerance(self) -> bool:
-        """Whether every model has what was added within its tolerance: the ratio is to a model without any of it."""
-        if self.error_after is None or self.error_ratio_held_out is None:
-            return False
-        return not math.isclose(self.error_ratio_held_out, self.error_after.held_out / self.error_before.held_out)
 
 
 GIVEN_MODEL = "the model given"  # the first of an account, where a trace did not start from nothing

@@ -14,12 +14,13 @@ from typing import Any, Unpack
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.comparison.summary import record_summary
-from brv_hypo.errors import UnanswerableError
+from brv_hypo.comparison.intervals import Excess
+from brv_hypo.comparison.summary import estimates, of_flight, record_summary
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.refinement import FINAL
 from brv_hypo.io.text import times
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
@@ -27,7 +28,6 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
-from brv_hypo.model.term import term_column
 from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
@@ -36,8 +36,8 @@ from brv_hypo.tracing.acceptance import Candidate, Choice, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.final_model import gathered
-from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about
+from brv_hypo.tracing.final_model import gathered, impossible_in
+from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about, require_samples
 from brv_hypo.tracing.result import (
     GIVEN_MODEL,
     TRACED_SMALLEST,
@@ -88,12 +88,8 @@ def trace(
     records = tuple(averaged(flight) for flight in own)
     fewest = max(TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
     for record in records:
-        if record.samples < fewest:
-            raise UnanswerableError(
-                f"the record holds {record.samples} samples in the window, expected at least {fewest}: too few to hold "
-                f"any of {config.blocks} blocks out. Widen --start and --stop, or have fewer `blocks` in the "
-                "configuration."
-            )
+        advice = "Widen --start and --stop, or have fewer `blocks` in the configuration."
+        require_samples(record, fewest, f"hold any of {config.blocks} blocks out. {advice}")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         result = _trace(Flights(records, config), stages(report_to(progress), {}))
     return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
@@ -118,12 +114,14 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
             break
         fits.append(after)
     first, last = fits[0], fits[-1]
+    alone = beside_processes(last, last.model) if after else beside
+    whole = last.on_whole_record().at_best_knots(FINAL).on_whole_record()
+    impossible = impossible_in(whole, alone.null)
     if any(step.status == "finding" for step in steps):
         bend = [StaticBend.name] if StaticBend.name not in last.model.mechanisms else []  # an effect in its place
-        steps = _confirmed(steps, beside_processes(last, first.model.without(bend)))
-    steps = beside_hints(steps)
-    alone = beside_processes(last, last.model) if after else beside
-    result = gathered(last, first.left, alone.null, steps, _account(fits, steps), stopped, discovery)
+        steps = _confirmed(steps, beside_processes(last, first.model.without(bend)), impossible)
+    steps, account = beside_hints(steps), _account(fits, steps)
+    result = gathered(last, whole, impossible, first.left, alone.null, steps, account, stopped, discovery)
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
@@ -139,9 +137,7 @@ def _start(source: Flights) -> Fit:
     for mechanism in known:  # every term of those that leave no choice in time, of all flights together or of each
         if mechanism not in chosen:
             apart = len(flights) > 1 and mechanism.of_each_flight(flights[0])
-            terms = mechanism.terms(motion, {})
-            for number in range(len(flights)) if apart else [None]:
-                model += Model(columns=tuple(term_column(mechanism, term, flight=number) for term in terms))
+            model = model.with_terms(mechanism, motion, range(len(flights)) if apart else (None,))
     if chosen:
         problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
@@ -225,12 +221,16 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     return beside_processes(fit, model.but(columns=model.columns[:first])).unwanted(removable)
 
 
-def _confirmed(steps: Sequence[Step], beside: Beside) -> list[Step]:
-    """The steps, their findings hints where processes beside the final model explain the flight as well or more."""
+def _confirmed(steps: Sequence[Step], beside: Beside, impossible: Excess | None = None) -> list[Step]:
+    """The steps, their findings hints where processes beside the final model explain the flight as well or more, or
+    where the final model has an `impossible` value of them.
+    """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
 
     def doubt(name: str) -> str:
+        if impossible is not None and impossible.mechanism == name:
+            return f"its final value is impossible: {impossible.words}"
         if gains.get(name, -np.inf) < SPECIFIC:
             return "beside the final model, processes explain the flight as well"
         if not adequate:
@@ -279,7 +279,7 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
                 f_ratio=each.f_ratio,
                 p_value_adjusted=choice.chances[each.name],
                 explains=1.0 - each.fit.rss / each.null.rss,
-                description=_described(each, fit),
+                description=_described(each),
                 near_equals=confounded(each, reported),
             )
             for each in reported
@@ -291,7 +291,7 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
         standing=None if accepted is None else "hint" if doubts else "finding",
         doubts=tuple(doubts),
         named_in=choice.named_in,
-        description="" if leading is None else _described(leading.candidate, fit),
+        description="" if leading is None else _described(leading.candidate),
         error_before=Errors(fit=fit.error, held_out=fit.held_out),
         error_after=None if leading is None else Errors(fit=leading.fit.error, held_out=leading.fit.held_out),
         error_ratio_held_out=None if leading is None else leading.ratios["reported"][0],
@@ -301,19 +301,13 @@ def _reported(number: int, fit: Fit, choice: Choice, after: Fit | None, beside: 
     )
 
 
-def _described(candidate: Candidate, fit: Fit) -> str:
+def _described(candidate: Candidate) -> str:
     """What a candidate beside a model says of its flights."""
     if candidate.file is not None:
         return candidate.file.title
-    flights, values = fit.data.flights, candidate.fit.values[candidate.fit.baseline_size :].tolist()
-    said: list[tuple[str, int | None]] = [
-        (f"{each.component} {each.value:.3g} {each.units}", each.flight) for each in candidate.applied
-    ]
-    moments = () if said else zip(candidate.fit.selected, values, strict=True)
-    for column, value in moments:
-        begins = max(column.time_basis.start, float(flights[column.flight or 0].time[0]))
-        when = "" if column.time_basis.kind == "constant" else f" at {begins:.2f} s"
-        said.append((f"{column.label} {value:.3g}{when}", column.flight))
-    several, time = len(flights) > 1, getattr(candidate.effect, "time", None)
-    parts = [what + (f" on flight {k + 1}" if several and k is not None else "") for what, k in said]
-    return ", ".join(parts) + ("" if time is None else f" at {times(time)}")
+    own, time = candidate.fit, getattr(candidate.effect, "time", None)
+    values = own.values[own.baseline_size :]
+    terms = () if candidate.applied else estimates(own.selected, values, np.zeros((values.size,) * 2), own.frame)
+    said = [f"{each.begins} {each.value:.3g}" for each in terms]
+    said += [f"{e.component} {e.value:.3g} {e.units}{of_flight(own.frame, e.flight)}" for e in candidate.applied]
+    return ", ".join(said) + ("" if time is None else f" at {times(time)}")

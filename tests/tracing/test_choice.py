@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import pytest
 
+from brv_hypo.comparison.intervals import Excess
 from brv_hypo.mechanisms import find
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
@@ -239,13 +240,13 @@ def test_what_processes_explain_far_better_is_not_accepted(gain: float, accepted
                 "effects that were tried needs 7.3",
             ),
         ),
-        ({"impossible": "eps = 70"}, 1.0, ("its value is impossible: eps = 70",)),
+        ({"impossible": Excess("lag", 9.0, "eps = 70")}, 1.0, ("its value is impossible: eps = 70",)),
         ({}, 0.7, ("fewer than 75 % of the repetitions name it",)),
     ],
 )
 def test_what_is_no_finding_says_why(changed: dict[str, Any], named_in: float, said: tuple[str, ...]) -> None:
     one = judged(candidate("lag", 90.0), 5.0, 0.5)
-    one = known(one, **({"gain": 2.0 * SPECIFIC, "elsewhere": None, "impossible": ""} | changed))
+    one = known(one, **({"gain": 2.0 * SPECIFIC, "elsewhere": None, "impossible": None} | changed))
     one = known(one, ratios=one.ratios | {name: changed[name] for name in PARTS if name in changed})
     assert one.doubts(named_in, 10) == said
 
@@ -280,6 +281,16 @@ def test_what_follows_a_step_that_the_final_model_demotes_is_a_hint() -> None:
         terms=gains, gain=gains.__getitem__, is_adequate=lambda _: True, rest_of_family=lambda _: 0.0
     )
     assert [step.status for step in beside_hints(_confirmed([first, second], beside))] == ["hint", "hint"]
+
+
+def test_a_finding_whose_final_value_is_impossible_is_a_hint() -> None:
+    steps = [Step.model_construct(status="finding", added=name) for name in ("lag", "trim")]
+    gains = dict.fromkeys(("lag", "trim"), 8.0 * SPECIFIC)
+    beside: Any = SimpleNamespace(
+        terms=gains, gain=gains.__getitem__, is_adequate=lambda _: True, rest_of_family=lambda _: 0.0
+    )
+    found = _confirmed(steps, beside, Excess("trim", 9.0, "C_m0 = 70"))
+    assert [step.doubts for step in found] == [(), ("its final value is impossible: C_m0 = 70",)]
 
 
 @dataclass(frozen=True)
