@@ -86,7 +86,6 @@ def new_plugin(
 
 def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
     """A plugin package for the mechanism, or with `effect` the record effect, `name`, in a new directory in `parent`.
-
     Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name == "none":

@@ -96,10 +96,9 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 
 class Signalled(KeyboardInterrupt):
-    """A signal, as what unwinds the command.
-
-    Not KeyboardInterrupt itself: one that passes through `exec` of a text, by which a dataclass is made for instance,
-    leaves a mark in CPython, and the process then dies of SIGINT whatever code it ends with.
+    """A signal, as what unwinds the command. Not KeyboardInterrupt itself: one that passes through `exec` of a text, by
+    which a dataclass is made for instance, leaves a mark in CPython, and the process then dies of SIGINT whatever code
+    it ends with.
     """
 
 
@@ -418,7 +417,6 @@ ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
 
 def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command: its session is its first argument, and the command line has the session's options.
-
     `options` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
     are named on standard error, however quiet the command is to be.
     """

@@ -5,6 +5,7 @@ Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothes
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,7 +43,6 @@ from brv_hypo.model.common_time import at
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
-from brv_hypo.motion.pipeline import gaps_of
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
@@ -158,12 +158,6 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     motions, moved = diagnostics.motions_beside(problem.frame.reconstructions, reconstructions)
     known = {"reconstruction": motion_summary(motions, moved), **diagnostics.of_leader(beside, comparison, motions)}
     verdict = rules.without_power(rules.with_far_error(comparison.verdict, known["record_errors"]))
-    leader = comparison.ranking[0]
-    if acts := leader.acting:
-        # The region is in the time of one flight, or of all flights where these share a clock.
-        timed = flights if (one := comparison.reference_flight) is None else flights[one - 1 : one]
-        gaps = [gap for each in timed for gap in gaps_of(each)]
-        verdict = rules.with_gaps(verdict, leader.mechanism, (acts[0].start_s, acts[-1].stop_s), gaps)
     if not all(each.converged for each in reconstructions):
         verdict = rules.without_converged_motion(verdict)
     if len(flights) > 1 and verdict.outcome != "named":
@@ -203,12 +197,16 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         for words, fit, own in judgement.outside(beside, hypotheses)
         for each in (beside.weight_of(fit, own),)
     ]
-    leader, share = beside.evidences[beside.leader], judgement.explained(beside)
+    leader, share, processes = beside.fits[beside.leader], judgement.explained(beside), judgement.processes(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
-    significant = share.interval_95[0] > 0.0 and share.share > share.processes
-    how = rules.Fit(beside.misfit, beside.rows.size, squares, significant)
-    verdict = rules.judge(listed, instead, how, share, judgement.processes(beside), other_prior)
-    found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
+    found = limits(leader, beside.evidences[beside.leader], hypotheses, weight)
+    # A mechanism explains more than processes do of the baseline's residual, or it has more of the moment: slow moments
+    # make far more of the rates than fast ones, and the baseline takes up much of what processes make.
+    of_leader = max((each.share_of_moment for each in found if each.mechanism == leader.name), default=0.0)
+    of_processes = math.hypot(*(each.share_of_moment for each in processes if each.is_of_moment))
+    more = share.share > share.processes or of_leader > of_processes
+    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0)
+    verdict = rules.judge(listed, instead, how, share, processes, other_prior)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)
     return verdict.model_copy(update={"limits": found})
@@ -232,7 +230,6 @@ def identify_credible(
     problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict, config: CompareConfig, say: Say
 ) -> dict[str, Identification | None]:
     """Maximum likelihood, by name, of the leader and its closest rival in the credible set; others are out of reach.
-
     "quick" leaves out (None) what is on records with limits or not adequate, where it takes several seconds, and does
     not begin anew from the data alone where the regression's fit leads nowhere.
     """

@@ -157,10 +157,9 @@ class Excess:
 
 
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
-    """The net value farthest outside its mechanism's bounds; None where all lie within them.
-
-    Beyond a bound of 0 the error is that with delays where they are: a delay may make up for how much there is of
-    something, and not for its sign.
+    """The net value farthest outside its mechanism's bounds; None where all lie within them. Beyond a bound of 0 the
+    error is that with delays where they are: a delay may make up for how much there is of something, and not for its
+    sign.
     """
     bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
     if not any(bounds.values()):
@@ -193,9 +192,8 @@ def _delays_fixed(fit: HypothesisFit) -> HypothesisFit:
 
 
 def within_bounds(fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what its likelihood loses where values that no body has are fixed at their bounds.
-
-    The square of the excess in standard errors: the fall of 2 ln L for one linear coefficient.
+    """The fit with what its likelihood loses where values that no body has are fixed at their bounds. The square of the
+    excess in standard errors: the fall of 2 ln L for one linear coefficient.
     """
     excess = out_of_bounds(fit)
     return fit if excess is None else replace(fit, bound_cost=excess.sigmas**2)

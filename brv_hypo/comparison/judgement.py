@@ -23,6 +23,7 @@ from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
     WIDENED,
+    WITH_ONSETS,
     Pair,
     acting,
     beyond_linear,
@@ -132,7 +133,6 @@ def judged(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Say
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
-
     Where another leads there, or its residual is more than noise, the record is linearised about that beside its
     processes once more; that is kept where it leaves half the lack of fit or hardly any, or of another leader not more:
     a motion that hardly fits better makes up for what the model lacks, and the leader may explain what it does there.
@@ -284,18 +284,20 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     following = {mechanism.name for mechanism in fit.mechanisms if follows_static_moment([mechanism])}
     terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in following]
     covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
-    knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
-    covariance[knots, knots] += shift_sigma(fit.frame.reconstructions[0].flight.step) ** 2
+    flights = [each.flight for each in fit.frame.reconstructions]
+    for k, parameter in enumerate(fit.nonlinear, start=count):
+        if parameter.kind == "knot":
+            apart = [each.step if fit.frame.common else each.within(parameter.value) for each in flights]
+            covariance[k, k] += shift_sigma(min(apart)) ** 2
     found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance, bound_cost=0.0)
     return within_bounds(replace(found, left_out=own.left_out(weight)))
 
 
 def explained(judged: Judged) -> Explained:
-    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
-
-    The rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and
-    Stein, Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; with that about
-    another motion where the record has two.
+    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual. The
+    rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and Stein,
+    Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; with that about another
+    motion where the record has two.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
@@ -363,25 +365,26 @@ class Alternative(NamedTuple):
 def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> list[Alternative]:
     """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
     on the list has, and the best that turns in the body while the leader, or one nearly as likely, acts, each between
-    two times: what leads by little may be another where a record is rounded otherwise.
-
-    A leader whose characteristic terms are not wanted is such a change, and no likelier than that.
+    two times: what leads by little may be another where a record is rounded otherwise. A leader whose characteristic
+    terms are not wanted is such a change, and no likelier than that.
     """
     problem, leader, null = judged.problem, judged.fits[judged.leader], judged.evidences[judged.null]
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
-    found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null.of_both_sizes, onsets=(0.0,))
+    shapes = unmodelled_moments(problem, listed, OUTSIDE)
+    tried = acting(problem, like, shapes, null.of_both_sizes, onsets=(0.0,), most=WITH_ONSETS)
+    found = list({pair[0].mechanisms: pair for pair in sorted(tried, key=level)}.values())  # of each shape the best
     most = leader.information + 2.0 * MECHANISM_ACTS
     near = [fit for fit in judged.fits if leader.selected and fit.information < most]
     changes = [sorted({c.time_basis.start for c in fit.selected if c.time_basis.kind != "constant"}) for fit in near]
     last, turned = float(frame.coefficient_time.max()), list[Pair]()
     for stretch in {(starts[0], starts[-1] if len(starts) > 1 else last) for starts in changes if starts}:
         turning = turning_moment(problem, listed, OUTSIDE, *stretch)
-        (shapes,) = regions([null], frame, turning, np.array(stretch), most=1) if turning is not None else ([],)
-        if turning is not None and shapes:
-            rate = dict(max(shapes, key=lambda each: each.peak).theta)[RATE]
+        (turns,) = regions([null], frame, turning, np.array(stretch), most=1) if turning is not None else ([],)
+        if turning is not None and turns:
+            rate = dict(max(turns, key=lambda each: each.peak).theta)[RATE]
             turned += acting(problem, like, [turning.at(rate)], [null], np.array(stretch))
     found += [max(turned, key=level)] if turned else []
     moments = [Alternative(_described(pair[0]), *pair) for pair in found]

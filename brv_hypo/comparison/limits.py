@@ -65,10 +65,9 @@ def limits(
     leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> tuple[MechanismLimit, ...]:
     """The share of the rms of the measured moment that each hypothesis may have at 95 %; a joined one that does not
-    lead has that of its largest.
-
-    The leader, and each of its mechanisms: as fitted, with its margin; another: beside the leader. A nat counts as
-    `weight`. Of one that may be far larger than the moment, the record says nothing: the limit is withheld (NaN).
+    lead has that of its largest. The leader, and each of its mechanisms: as fitted, with its margin; another: beside
+    the leader. A nat counts as `weight`. Of one that may be far larger than the moment, the record says nothing: the
+    limit is withheld (NaN).
     """
     frame, moment = evidence.rows.frame_of(leader), evidence.rows.measured_moment
     own, whole_record = {mechanism.name for mechanism in leader.mechanisms}, np.ptp(frame.coefficient_time)
@@ -213,9 +212,8 @@ def regions(
 ) -> list[list[Shape]]:
     """Of each of some evidences of the same rows and terms every region between two edges, at every theta of a dense
     grid, or of those given; `most` of those at each that begin at once, and of those that come on over a time, which
-    gain most, the best first; beside no other terms, without those of a sign that the mechanism cannot have.
-
-    `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
+    gain most, the best first; beside no other terms, without those of a sign that the mechanism cannot have. `widths`:
+    over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
     together = max(1, _AT_ONCE // (edges.size - 1))

@@ -43,10 +43,9 @@ APART_SIGMAS = 3.0  # standard deviations within which events of two flights may
 
 @dataclass(frozen=True)
 class Settings:
-    """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
-
-    `known` are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None
-    where they are still to be chosen.
+    """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment. `known`
+    are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None where
+    they are still to be chosen.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
@@ -89,12 +88,10 @@ def shared_problem(
 def aligned(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime, fit: HypothesisFit
 ) -> CommonTime | None:
-    """The common time in which the events of a hypothesis come together that each flight has by itself; None where
-    they come together already.
-
-    Mach numbers that err by a factor, and air that is another, move events of flights apart, and a step that comes
-    twice looks like an onset that takes time. The shift of a flight is linear in time; it has the prior `EVENTS_APART`,
-    and large changes count most.
+    """The common time in which the events of a hypothesis come together that each flight has by itself; None where they
+    come together already. Mach numbers that err by a factor, and air that is another, move events of flights apart, and
+    a step that comes twice looks like an onset that takes time. The shift of a flight is linear in time; it has the
+    prior `EVENTS_APART`, and large changes count most.
     """
 
     def alone(flight: int) -> list[_Event]:
@@ -199,10 +196,9 @@ def _static_and_bend(problem: Problem) -> tuple[StaticMoment, StaticBend]:
 def linearised_about(
     problem: Problem, point: LinearisationPoint, settings: Settings, config: CompareConfig
 ) -> tuple[Problem, Problem]:
-    """The problem linearised about a point of it, errors that were found there taken out of the records.
-
-    With the processes of record and air, under white noise; and without, under the noise beside the fit's model. Where
-    a record has no motion left without its errors, the records are linearised as they read.
+    """The problem linearised about a point of it, errors that were found there taken out of the records. With the
+    processes of record and air, under white noise; and without, under the noise beside the fit's model. Where a record
+    has no motion left without its errors, the records are linearised as they read.
     """
     try:
         records = _without_errors(settings, point)

@@ -21,7 +21,7 @@ from brv_hypo.comparison.result import (
     Verdict,
     far_beyond,
 )
-from brv_hypo.io.text import error_share, hypothesis, percent, times
+from brv_hypo.io.text import error_share, hypothesis, percent
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
@@ -307,22 +307,6 @@ def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
         f" But {best} predicts held-out blocks far better ({error_share(ratios[best])} of the baseline's error, "
         f"{leader} {error_share(ratios[leader])}): where an event does not come at one Mach number on "
         "all flights, a joint comparison misses it. Compare each flight by itself."
-    )
-    return verdict.model_copy(update={"reason": verdict.reason + said})
-
-
-def with_gaps(verdict: Verdict, leader: str, acts: tuple[float, float], gaps: Sequence[tuple[float, float]]) -> Verdict:
-    """The verdict, with the gaps of the record in the region where its leader acts, or beside it, all in s.
-
-    Beside it is within a gap's own length: what happened inside may belong to the region as well.
-    """
-    begin, end = acts
-    near = [times(a, b) for a, b in gaps if a - (b - a) < end and b + (b - a) > begin]
-    if not near or verdict.outcome == "none adequate":
-        return verdict
-    said = (
-        f" The record has a gap where {leader} acts, or beside that region ({', '.join(near)}), and across it the "
-        "attitude is unknown: times and values there may be off by more than their sigmas."
     )
     return verdict.model_copy(update={"reason": verdict.reason + said})
 

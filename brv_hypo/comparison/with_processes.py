@@ -60,11 +60,10 @@ Pair = tuple[HypothesisFit, Evidence]
 def in_one_region(
     problem: Problem, pair: Pair, null: Evidence, frame: RateFrame, best: float = -math.inf
 ) -> list[Pair]:
-    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
-
-    Beside processes as large as without it, and beside small ones where those are larger than usual: the evidence has a
-    maximum at each, and large processes make up for a mechanism, so that beside them other times and delays explain
-    more. `best`: the log evidence of the likeliest hypothesis so far.
+    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone. Beside processes as
+    large as without it, and beside small ones where those are larger than usual: the evidence has a maximum at each,
+    and large processes make up for a mechanism, so that beside them other times and delays explain more. `best`: the
+    log evidence of the likeliest hypothesis so far.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
@@ -218,15 +217,17 @@ def acting(
     onsets: Sequence[float] = ONSETS,
     starts: Sequence[Evidence] = (),
     least: tuple[float, float] = (-math.inf, -math.inf),
+    most: int = 1,
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
 
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to find its
     delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
-    processes a short region about one end may explain as much as the whole one with its onset. `least`: see `_between`.
+    processes a short region about one end may explain as much as the whole one with its onset. `most`: so many of
+    either, however far apart, as gains are those of the amplitudes before. `least`: see `_between`.
     """
-    times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets)
+    times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets, most)
     beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]
     where = [(mechanism, shape.theta, shape.region, shape.width) for mechanism, shape, _ in beside]
     pairs: list[Pair] = []
@@ -244,17 +245,18 @@ def _likely_regions(
     nulls: Sequence[Evidence],
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
+    most: int = 1,
 ) -> tuple[FloatArray, list[list[tuple[Mechanism, Shape]]]]:
     """The times that regions are between, and beside each evidence the regions that `acting` takes."""
     offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
     several = sum(map(len, offered.values())) > WITH_ONSETS
     grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(frame, COARSE_EDGES), (0,), WITH_ONSETS)]
-    grids = [*grids[: int(several)], (*_fine(frame, onsets), 1)]
+    grids = [*grids[: int(several)], (*_fine(frame, onsets), most)]
     for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
         tried = [(m, regions(nulls, frame, m, times, parts, thetas, most=1)) for m, thetas in offered.items()]
         found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
         ordered = [sorted(each, key=lambda one: -one[1].peak) for each in found]
-        likely = [_offered(each, count) for each in ordered]
+        likely = [_offered(each, count, _NEAR if most == 1 else math.inf) for each in ordered]
         best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
         offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
     return times, likely
@@ -287,10 +289,10 @@ def beside_leader(problem: Problem, pair: Pair, other: Mechanism) -> Pair:
     return likelier(together(problem, (like, own), {fit.name: pair}))
 
 
-def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int) -> list[tuple[Mechanism, Shape]]:
-    """So many regions, the best first, that begin at once, and as many that come on over a time, near the best."""
-    near = [one for one in ordered if ordered[0][1].peak - one[1].peak < 2.0 * _NEAR]
-    kinds = [[one for one in near if (one[1].width > 0.0) is gradual][:count] for gradual in (False, True)]
+def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int, near: float) -> list[tuple[Mechanism, Shape]]:
+    """So many regions, the best first, that begin at once, and as many that come on over a time, so near the best."""
+    found = [one for one in ordered if ordered[0][1].peak - one[1].peak < 2.0 * near]
+    kinds = [[one for one in found if (one[1].width > 0.0) is gradual][:count] for gradual in (False, True)]
     return [*kinds[0], *kinds[1]]
 
 
@@ -380,9 +382,8 @@ def _may_end(fit: HypothesisFit) -> bool:
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
-    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay.
-
-    A step is judged by the evidence with them fixed there: that of the linear model extrapolates to where they are not.
+    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay. A step is
+    judged by the evidence with them fixed there: that of the linear model extrapolates to where they are not.
     Amplitudes follow when the steps are done.
     """
     for _ in range(CLOSE_ROUNDS if closely else 1):
@@ -446,13 +447,11 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
 
 def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     """What is to be added to the covariance of coefficients, knots and delays for how delays and knots that are not
-    surely placed differ from linear.
-
-    A delay and what is multiplied by it make up for one another along a curve, on which the delay may be shorter than
-    any that is searched; a knot in a gap, or where its moment passes through zero, moves nothing at first. Each errs by
-    what it does at the ends of the interval where the evidence, a nat of which counts as `weight`, has fallen by a half
-    (a likelihood interval: Meeker and Escobar, Am. Stat. 49, 1995), with a delay no less than linearly; a coefficient
-    by no more than its bounds are wide.
+    surely placed differ from linear. A delay and what is multiplied by it make up for one another along a curve, on
+    which the delay may be shorter than any that is searched; a knot in a gap, or where its moment passes through zero,
+    moves nothing at first. Each errs by what it does at the ends of the interval where the evidence, a nat of which
+    counts as `weight`, has fallen by a half (a likelihood interval: Meeker and Escobar, Am. Stat. 49, 1995), with a
+    delay no less than linearly; a coefficient by no more than its bounds are wide.
     """
     (fit, own), count = pair, len(pair[0].columns)
     bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}

@@ -45,10 +45,9 @@ MOST_NAMED = 5
 
 
 def find_holds(values: FloatArray) -> IntArray | None:
-    """Where a channel (n,), NaN where missing, that is held between new values has these; None of any other.
-
-    They come as regularly as its clock; one may equal the last. A channel that is rounded changes as rarely, by its
-    smallest step.
+    """Where a channel (n,), NaN where missing, that is held between new values has these; None of any other. They come
+    as regularly as its clock; one may equal the last. A channel that is rounded changes as rarely, by its smallest
+    step.
     """
     known = np.flatnonzero(np.isfinite(values))
     changes = np.diff(values[known])
@@ -288,9 +287,8 @@ def _cubic_weights(length: int) -> FloatArray:
 def mask_faults(
     time: FloatArray, channels: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, Channels, tuple[RecordFault, ...]]:
-    """`time` (n,) s with clock steps taken out, `channels` (n,) with NaN where they are at fault, and the faults.
-
-    Only what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
+    """`time` (n,) s with clock steps taken out, `channels` (n,) with NaN where they are at fault, and the faults. Only
+    what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
     steady, faults, masked = time.copy(), [], dict(channels)

@@ -47,10 +47,9 @@ ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of
 
 
 def sigma_of_differences(pieces: Sequence[FloatArray | ComplexArray]) -> float:
-    """White-noise sigma of a channel from its `pieces`, each (n,), NaN where missing; NaN where all are too short.
-
-    The difference of order k scales white noise by sqrt(binomial(2 k, k)) and a sinusoid by (2 sin(w h / 2))^k;
-    the median of its absolute value keeps spikes and jumps out. A complex channel is two real ones of one sigma.
+    """White-noise sigma of a channel from its `pieces`, each (n,), NaN where missing; NaN where all are too short. The
+    difference of order k scales white noise by sqrt(binomial(2 k, k)) and a sinusoid by (2 sin(w h / 2))^k; the median
+    of its absolute value keeps spikes and jumps out. A complex channel is two real ones of one sigma.
     """
     differences = np.concatenate([np.diff(piece, NOISE_DIFFERENCES) for piece in pieces]) if pieces else np.zeros(0)
     finite = differences[np.isfinite(differences)]
@@ -199,10 +198,9 @@ def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Seq
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
-    """Indices of samples before which the clock was set ahead, and by how much, s.
-
-    Only in a record of otherwise uniform stamps: the samples on either side of the interval lie on one smooth
-    course if it is closed, and on none as it is stamped.
+    """Indices of samples before which the clock was set ahead, and by how much, s. Only in a record of otherwise
+    uniform stamps: the samples on either side of the interval lie on one smooth course if it is closed, and on none as
+    it is stamped.
     """
     intervals = np.diff(time)
     step = float(np.median(intervals))
@@ -245,10 +243,9 @@ def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
 
 
 def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
-    """Indices before which gyros and accelerometers jump together: samples lost, or repeated, without a trace.
-
-    No force or moment does that: a rate cannot jump. All channels jump by what they change by in one time: forces that
-    turn about in a step, as the wind passes the nose, do not.
+    """Indices before which gyros and accelerometers jump together: samples lost, or repeated, without a trace. No force
+    or moment does that: a rate cannot jump. All channels jump by what they change by in one time: forces that turn
+    about in a step, as the wind passes the nose, do not.
     """
     found_in = {name: _jumps(values) for name, values in channels.items()}
     gyros, accelerometers = (

@@ -38,9 +38,8 @@ _EARTH_RADIUS = 6356766.0
 
 
 def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: float) -> tuple[Channels, list[str]]:
-    """The channels (n,) with those derived added, NaN where a source is NaN, and a note for each.
-
-    `reference_length` in m. What cannot be derived stays absent; a note says why.
+    """The channels (n,) with those derived added, NaN where a source is NaN, and a note for each. `reference_length` in
+    m. What cannot be derived stays absent; a note says why.
     """
     known = dict(channels)
     notes = []

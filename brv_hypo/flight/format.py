@@ -90,10 +90,9 @@ def assemble(record: Record) -> Flight:
 
 
 def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
-    """The flight with its faulty stretches masked, itself where there are none, and all its faults.
-
-    For flights that did not come through `assemble`, or were changed since. Raises FlightRecordError where the
-    flight is no valid record, or the faults leave nothing of it.
+    """The flight with its faulty stretches masked, itself where there are none, and all its faults. For flights that
+    did not come through `assemble`, or were changed since. Raises FlightRecordError where the flight is no valid
+    record, or the faults leave nothing of it.
     """
     again = assemble(unassemble(flight))
     fresh = tuple(fault for fault in again.faults if fault not in flight.faults)

@@ -56,9 +56,8 @@ class Phase:
 
 
 def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray) -> tuple[Phase, ...]:
-    """The phases, in order of time, of uniform `time` (n,) s and specific forces (n,) m/s^2, NaN where missing.
-
-    Empty where the record holds neither thrust nor a parachute: it is one phase, and needs no window.
+    """The phases, in order of time, of uniform `time` (n,) s and specific forces (n,) m/s^2, NaN where missing. Empty
+    where the record holds neither thrust nor a parachute: it is one phase, and needs no window.
     """
     from scipy.ndimage import median_filter
 

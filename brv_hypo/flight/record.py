@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -202,6 +203,16 @@ class Flight(Histories, HasCharts):
     def sample_rate(self) -> float:
         """Samples per second, Hz."""
         return 1.0 / self.step
+
+    @property
+    def gaps(self) -> list[slice]:
+        """The samples of each gap between segments."""
+        return [slice(b, a) for (_, b), (a, _) in pairwise(self.segments) if a > b]
+
+    def within(self, at: float) -> float:
+        """s within which a change at that time was: a sample, or to the far end of a gap that it is in, or near."""
+        gaps = ((float(self.time[gap.start]), float(self.time[gap.stop])) for gap in self.gaps)
+        return max([self.step, *(max(at - a, b - at) for a, b in gaps if a - (b - a) < at < b + (b - a))])
 
     def measured(self, ends: int = 0) -> BoolArray:
         """Where the instruments were read (n,), not bridged, less so many samples at the ends of each segment."""

@@ -91,10 +91,8 @@ ENDLESS_POWER = re.compile(r"(\*\*|\^)\s*[-+]?\s*([^\s\d.+-]|\d{3}|[\d.]*\s*(\*\
 
 
 def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str) -> FloatArray:
-    """`values` in the SI unit of `dimension` (see `SI`), same shape.
-
-    Raises FlightRecordError, naming `dataset_name`, where `units` is unknown, of another dimension, or no plain
-    multiple of the SI unit.
+    """`values` in the SI unit of `dimension` (see `SI`), same shape. Raises FlightRecordError, naming `dataset_name`,
+    where `units` is unknown, of another dimension, or no plain multiple of the SI unit.
     """
     array = np.asarray(values, dtype=np.float64)
     stripped = units.strip()

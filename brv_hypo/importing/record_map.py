@@ -201,10 +201,9 @@ def read_map(path: str | Path | Mapping[str, Any]) -> RecordMap:
 def vehicle_of(
     mapping: RecordMap, raw: Mapping[str | None, ColumnTable], window: tuple[float, float]
 ) -> tuple[Vehicle, float, list[str]]:
-    """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
-
-    `raw` has the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError
-    for what no vehicle has.
+    """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes. `raw` has
+    the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError for what no
+    vehicle has.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []
@@ -239,7 +238,6 @@ def instruments_of(
     speed_sigma: FloatArray | None,
 ) -> Instruments:
     """Tolerances: of the map's grade, then what pad, mounting, table and speed show, then what the map states.
-
     `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
@@ -272,10 +270,9 @@ def import_record(data: str | Path, map_path: str | Path | Mapping[str, Any]) ->
 
 
 def bring_in(data: str | Path, map_path: str | Path | Mapping[str, Any]) -> Imported:
-    """The record in a csv, parquet or mat file, read through a map, or the one at a path.
-
-    Raises UsageError (the map is unreadable, wrong, or names what the data do not have; a missing extra) and
-    FlightRecordError (the data are unreadable or make no valid record).
+    """The record in a csv, parquet or mat file, read through a map, or the one at a path. Raises UsageError (the map is
+    unreadable, wrong, or names what the data do not have; a missing extra) and FlightRecordError (the data are
+    unreadable or make no valid record).
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (source if isinstance(map_path, Mapping) else Path(map_path)).parent, source.parent

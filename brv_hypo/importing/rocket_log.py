@@ -109,10 +109,8 @@ def _in_axes_of(first: Channels, unit: Channels) -> Channels:
 def clock_offset(
     time: FloatArray, values: FloatArray, other_time: FloatArray, other: FloatArray
 ) -> tuple[float, float]:
-    """Seconds to add to `other_time` so that `other` runs as `values` does, and their correlation then.
-
-    Times (n,) and (m,) s, increasing; scale and a constant of the values do not matter. Raises UsageError where the
-    two never agree.
+    """Seconds to add to `other_time` so that `other` runs as `values` does, and their correlation then. Times (n,) and
+    (m,) s, increasing; scale and a constant of the values do not matter. Raises UsageError where the two never agree.
     """
     from scipy.signal import correlate
 
@@ -175,7 +173,6 @@ def take_out_biases(
     time: FloatArray, channels: Mapping[str, FloatArray], pad: tuple[float, float], mounting_sigma: float = PAD_MOUNTED
 ) -> tuple[Channels, Rest, dict[str, tuple[float, float, float]], list[str]]:
     """`channels` (n,), SI, less the biases that the samples of `time` (n,) s within `pad` show, and the rest there.
-
     Also 1-sigma tolerances that follow, SI, and notes. `mounting_sigma` rad is the error of the nose. Raises UsageError
     where the vehicle is not at rest, nose up, between those times.
     """
@@ -214,10 +211,9 @@ def take_out_biases(
 def ascent(
     time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None = None, recorded: FloatArray | None = None
 ) -> Climb:
-    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and notes; NaN off the climb.
-
-    From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s, from `rest` on. Without
-    a rest, speed and lean at the beginning are open; `recorded` (n,) rad is the lean by the log's own attitude. Raises
+    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and notes; NaN off the climb. From
+    `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s, from `rest` on. Without a
+    rest, speed and lean at the beginning are open; `recorded` (n,) rad is the lean by the log's own attitude. Raises
     UsageError where too little of either is known.
     """
     free, missed = _climb(time, ax, altitude, rest, None)
@@ -330,9 +326,8 @@ def _climb(
 
 
 def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float | None:
-    """Samples per second, Hz, that the motion in q and r needs; None where the record has little more.
-
-    The motion is the strongest per octave, between rates and the moments that change them: a slow trend is none.
+    """Samples per second, Hz, that the motion in q and r needs; None where the record has little more. The motion is
+    the strongest per octave, between rates and the moments that change them: a slow trend is none.
     """
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
     before = (grid.size - 1) / float(grid[-1] - grid[0])

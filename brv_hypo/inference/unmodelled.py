@@ -69,6 +69,11 @@ def _rate(factor: complex) -> Shape:
     return lambda motion: (np.asarray(factor * motion.plane_rates, dtype=complex),)
 
 
+def _either(shape: Shape) -> Shape:
+    """In the windward plane and across it, in any proportion."""
+    return lambda motion: tuple(factor * each for each in shape(motion) for factor in (1.0, 1j))
+
+
 _ORDINARY: dict[str, Shape] = {
     "offset": _power(0),
     "stiffness": _power(1),
@@ -76,11 +81,10 @@ _ORDINARY: dict[str, Shape] = {
     "body-fixed": _harmonic(0, 1),
     "pitch damping": _rate(1.0),
 }
+_EITHER = {"constant": _either(_power(0)), "nonlinear": _either(_power(2)), "by the rates": _either(_rate(1.0))}
 _UNUSUAL: dict[str, Shape] = {
-    "side offset": _power(0, 1j),
+    **_EITHER,
     "nonlinear stiffness": _power(2),
-    "nonlinear side moment": _power(2, 1j),
-    "cross damping": _rate(1j),
     "body-fixed by alpha": _harmonic(1, 1),
     "two-fold": _harmonic(1, 2),
     "two-lobed in plane": _lobed(1.0),
@@ -161,7 +165,8 @@ class UnmodelledMoment(Mechanism):
             if len(components) == 1:
                 found.append(Term(name, components[0].real, components[0].imag))
             else:
-                parts = zip(("cosine", "sine"), components, strict=True)
+                names = ("in plane", "across") if name in _EITHER else ("cosine", "sine")
+                parts = zip(names, components, strict=True)
                 found += [Term(f"{name} {part}", each.real, each.imag, vector=name) for part, each in parts]
         return tuple(found)
 
@@ -234,7 +239,7 @@ def _unlike(
     def is_unlike(own: FloatArray) -> bool:
         lengths = np.linalg.norm(own, axis=0)
         rest = (np.linalg.norm(own - basis @ (basis.T @ own), axis=0) for basis in bases)
-        return all(np.min(each / lengths) > beyond for each in rest)
+        return all(np.max(each / lengths) > beyond for each in rest)
 
     return tuple(key for key, shape in shapes.items() if is_unlike(stacked(shape)))
 

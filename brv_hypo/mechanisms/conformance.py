@@ -33,14 +33,14 @@ _SLOW, _FAST = 0.05, 0.012  # crossflow amplitudes of the two epicyclic arms; un
 _SLOW_RATE, _FAST_RATE = 7.3, -11.9  # rad/s
 _FORCE_SLOPE, _MOMENT_SLOPE = 2.0, -0.3  # 1/rad
 _SHORT = 60  # samples where few will do
+_GAP = 5  # samples
 Checks = tuple[Callable[[Any], None], ...]
 
 
 def sample_motion(time: FloatArray) -> Motion:
-    """An epicyclic entry motion at `time` (s, any shape), 0 to DURATION; `delayed` is exact.
-
-    alpha goes from 2 to 4 deg, the meridian turns at 5 to 12 rad/s, Mach falls from 22 and Reynolds grows
-    from 1e5, so that a mechanism of any of these has something to act on.
+    """An epicyclic entry motion at `time` (s, any shape), 0 to DURATION; `delayed` is exact. alpha goes from 2 to 4
+    deg, the meridian turns at 5 to 12 rad/s, Mach falls from 22 and Reynolds grows from 1e5, so that a mechanism of any
+    of these has something to act on.
     """
     arm = _FAST / _SLOW * np.exp(1j * (_FAST_RATE - _SLOW_RATE) * time)
     turn = np.exp(1j * _SLOW_RATE * time)
@@ -355,15 +355,23 @@ def _channels(flight: Flight) -> FloatArray:
     return np.concatenate([np.array(channels, dtype=float), wind, constant])
 
 
+def _record() -> Flight:
+    """The sample with a gap, of which some effects are."""
+    flight = sample_flight()
+    middle = flight.samples // 2
+    return replace(flight, segments=((0, middle), (middle + _GAP, flight.samples)))
+
+
 def _changes(effect: RecordEffect, share: float) -> Iterator[tuple[str, float, FloatArray]]:
     """Name and size of each component, and what a share of that changes in the sample's channels."""
-    for name, _, size in effect.components(sample_flight()):
-        yield name, size, _channels(effect.perturb(sample_flight(), name, share * size)) - _channels(sample_flight())
+    flight = _record()
+    for name, _, size in effect.components(flight):
+        yield name, size, _channels(effect.perturb(flight, name, share * size)) - _channels(flight)
 
 
 def has_sane_components(effect: RecordEffect) -> None:
     """Each component has a name of its own, a unit and a typical size above zero."""
-    components = effect.components(sample_flight())
+    components = effect.components(_record())
     names = [name for name, _, _ in components]
     expect(bool(names) and len(set(names)) == len(names), f"components need names, each its own: {names}")
     for name, units, size in components:
@@ -394,8 +402,8 @@ def is_linear_for_small_values(effect: RecordEffect) -> None:
 
 def leaves_its_input_alone(effect: RecordEffect) -> None:
     """The given record is left as it was, and the same call gives the same record."""
-    flight = sample_flight()
-    for name, _, size in effect.components(sample_flight()):
+    flight = _record()
+    for name, _, size in effect.components(flight):
         first, again = (_channels(effect.perturb(flight, name, size)) for _ in range(2))
         expect(np.array_equal(first, again), f"two calls with the same '{name}' differ")
         expect(np.array_equal(_channels(flight), _channels(sample_flight())), f"'{name}' writes into its input")

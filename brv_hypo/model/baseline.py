@@ -98,7 +98,6 @@ WAVERING_SPEED = 5e-5
 
 def wavering_speeds(curves: Sequence[tuple[FloatArray, FloatArray]], degree: int) -> tuple[float, float] | None:
     """The ends of the speeds (m/s), where they change otherwise than a polynomial can follow; None where it can.
-
     `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,). Wind along the track,
     drag that goes with the angle of attack, and a change of temperature do it.
     """
@@ -170,7 +169,6 @@ SCHEDULE_MOST = 24  # terms
 
 class SlopeSchedule(DesignMoment):
     """C_N' += alpha sum_k (c_k + b_k alpha^2) cos(k pi x), x = ln(Mach / low) / ln(high / low), with Gaussian priors.
-
     Beyond `low` and `high` it keeps its last value.
     """
 

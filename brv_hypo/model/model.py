@@ -326,14 +326,12 @@ def constant_moment(flights: Sequence[Flight]) -> StaticMoment:
 
 
 def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
-    """The model that the data hold, for these flights.
-
-    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere; of one
-    flight's model, each of several has its own of what belongs to a vehicle or to times of a record. Increments
-    to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
-    estimated anew, within their priors.
-    Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option, and
-    UnanswerableError where the static moment follows a Mach number that a record lacks.
+    """The model that the data hold, for these flights. What belongs to one of several flights stays with it where as
+    many are given, and is left out elsewhere; of one flight's model, each of several has its own of what belongs to a
+    vehicle or to times of a record. Increments to a table, a schedule's terms and the static moment's bend are columns
+    where the model is `frozen`; else they are estimated anew, within their priors. Raises UsageError where a mechanism
+    or an effect is not installed, or has no such term, component or option, and UnanswerableError where the static
+    moment follows a Mach number that a record lacks.
     """
     by_mach = content.table or content.schedule or (content.static is not None and content.static.by == "mach")
     if by_mach and any(flight.mach is None for flight in flights):

@@ -27,10 +27,9 @@ Theta = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class TimeBasis:
-    """A coefficient in time per unit of its value, from `start` to `stop` (s).
-
-    `constant` and `jump` are 1 in [start, stop); `ramp` is t - start in [start, stop), 0 before and, as
-    the truncated power function of Eq. 3.7, stays at its last value after: its coefficient is per second.
+    """A coefficient in time per unit of its value, from `start` to `stop` (s). `constant` and `jump` are 1 in [start,
+    stop); `ramp` is t - start in [start, stop), 0 before and, as the truncated power function of Eq. 3.7, stays at its
+    last value after: its coefficient is per second.
     """
 
     kind: TimeVariation

@@ -371,10 +371,9 @@ def _of_ratio(ratio: float | None, spread: float) -> float:
 
 
 def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
-    """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
-
-    Never raises: a fault that leaves too little of a channel is reported as decisive, and the channel left as it is;
-    so is a flight that is no valid record, or of which masking leaves nothing; not a window too short for any.
+    """The flight with faulty stretches masked (the same object where there are none), and what the trial found. Never
+    raises: a fault that leaves too little of a channel is reported as decisive, and the channel left as it is; so is a
+    flight that is no valid record, or of which masking leaves nothing; not a window too short for any.
     """
     if flight.time.size < limits.MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())

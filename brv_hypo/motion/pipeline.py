@@ -10,7 +10,6 @@ force's coefficient over its median: by that force a c.g. off the axis turns the
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -135,8 +134,8 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
         first, last = lost[0]
         others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
         yield (
-            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: the attitude across it is unknown, and its "
-            "error may appear as errors or moments. Give a window on one side of it (--start, --stop)"
+            f"a gap of {last - first:.2g} s from {first:.2f} s on{others}: what the vehicle did in it is unknown, and "
+            "the attitude after it is estimated. A window on one side of it (--start, --stop) needs no such estimate"
         )
     yield from _moment_noise(record, moments)
     yield from _samples_per_cycle(record)
@@ -163,8 +162,8 @@ def _own_limits(record: InertialRecord, wind: WindHistory) -> Iterator[str]:
 def gaps_of(flight: Flight) -> list[tuple[float, float]]:
     """Begin and end (s) of gaps that are too long for the rates about them to give those inside."""
     longest = longest_crossed(flight.step, flight.q, flight.r)
-    between = ((b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest)
-    return [(float(flight.time[b]), float(flight.time[a])) for b, a in between]
+    ends = ((gap.start, gap.stop) for gap in flight.gaps if gap.stop - gap.start > longest)
+    return [(float(flight.time[b]), float(flight.time[a])) for b, a in ends]
 
 
 def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[str]:

@@ -135,8 +135,8 @@ class Prediction(HasCharts, Result):
         if np.isnan(self.misfit):
             return f"Prediction: an extrapolation of the model{self.without}, not tested"
         contradicted = "is contradicted" if self.refused or self.lacks_an_effect else "is not contradicted"
-        where = f" on {percent_of(self.flown)} of the samples, the rest is extrapolation" if self.extrapolates else ""
-        return f"Prediction: the model{self.without} {contradicted}{where}"
+        where = f" (tested on {percent_of(self.flown)} of the samples: the rest is extrapolation)"
+        return f"Prediction: the model{self.without} {contradicted}{where if self.extrapolates else ''}"
 
     @property
     def extrapolates(self) -> bool:

@@ -201,7 +201,7 @@ def comparison_document(comparison: Comparison) -> Document:
     further = [(k + 1, [*chain(*flights[k].values()), *functions(k)]) for k in range(1, len(flights))]
     others = [Section(f"Flight {number}", drawn, folded=True) for number, drawn in further]
     terms = comparison.baseline.terms
-    errors = tables.error_table(comparison.record_errors, terms)
+    errors = tables.error_table(comparison.record_errors, comparison.functions.get("C_malpha", ()))
     known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
     joined = (row.mechanism for row in ranking if "+" in row.mechanism and row.mechanism not in verdict.probability)
     idle = [f"{name} is no hypothesis of its own: a part of it does not act." for name in joined]

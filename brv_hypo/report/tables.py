@@ -278,11 +278,13 @@ def size_table(comparison: result.Comparison) -> Table:
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
 
-def error_table(errors: Sequence[result.RecordError], terms: Sequence[result.TermEstimate] = ()) -> Table:
+def error_table(errors: Sequence[result.RecordError], slopes: Sequence[Derivative] = ()) -> Table:
     """Errors of record and vehicle above one sigma, and trim, the least probable first; in degrees too what is an angle
-    and a moment of the vehicle, as trim: that at which the static moment of the baseline's `terms` is as large.
+    and a moment of the vehicle, as trim: that at which the static moment, of the median of C_malpha along the flights
+    (`slopes`), is as large.
     """
-    rows, slope = list[dict[str, str]](), next((abs(t.value) for t in terms if t.name == "C_malpha"), np.nan)
+    flown = np.abs([value for each in slopes for value in each.at_flown])
+    rows, slope = list[dict[str, str]](), float(np.median(flown)) if flown.size else np.nan
     for each in (e for e in errors if e.sigmas > LEAST_ERROR or " C_" in e.name):
         of_moment = each.units == "1" and " C_" in each.name
         angle = np.degrees(1.0 if each.units == "rad" else 1.0 / slope if of_moment else np.nan)

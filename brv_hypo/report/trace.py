@@ -146,7 +146,7 @@ def trace_document(result: Trace) -> Document:
     errors = Table(account, "Held-out error of one model after another", ("model",))
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     errors_of_record, known = result.record_errors, result.reconstruction
-    instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record, result.model.terms)
+    instruments = charts.errors_chart(errors_of_record), tables.error_table(errors_of_record, result.static_slopes)
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),

@@ -102,10 +102,9 @@ def record(w: Work, size: int, a: Any, b: Any) -> None:
 
 @compiled_part
 def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
-    """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division.
-
-    S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains enough
-    where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
+    """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division. S is
+    the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains enough where d_k
+    (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
     """
     S, d, c, ids, size, rss = w.S[level], w.diagonal, w.c[level], w.ids[level], w.base + level, w.rss[level]
     needed = rss - limits[size + 1]

@@ -63,10 +63,8 @@ def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> Le
 
 
 def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) -> Any:
-    """Solve r + X b = f, X'r = g for b (k, m), refined until the corrections no longer shrink.
-
-    With (f, g) = (y, 0) b is the least-squares solution, with (0, -I) the inverse of X'X. Source: Bjorck,
-    Numer. Math. 7 (1967) 257.
+    """Solve r + X b = f, X'r = g for b (k, m), refined until the corrections no longer shrink. With (f, g) = (y, 0) b
+    is the least-squares solution, with (0, -I) the inverse of X'X. Source: Bjorck, Numer. Math. 7 (1967) 257.
     """
     beta = np.zeros((inverse.shape[0], f.shape[1]), dtype=np.longdouble)
     r = np.zeros(f.shape, dtype=np.longdouble)
@@ -159,10 +157,8 @@ def press(fit: LeastSquares) -> float:
 
 
 def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
-    """Mean square error of rows predicted without their block, from one factorisation.
-
-    With Q_B the block's rows of the basis, its held-out residuals are
-    (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
+    """Mean square error of rows predicted without their block, from one factorisation. With Q_B the block's rows of the
+    basis, its held-out residuals are (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
     """
     k = fit.basis.shape[1]
     rows = np.column_stack([fit.basis, fit.residuals])

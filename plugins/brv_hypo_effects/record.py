@@ -190,6 +190,41 @@ def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: flo
     return out
 
 
+class GapTurn(RecordEffect):
+    """What the vehicle turned by, and was pushed, in each gap of the record beyond what the samples about it say.
+
+    Channels in a gap follow from those about it (`flight.clock.crossed`), attitude and velocity after it from these.
+    Each errs, about the roll axis and along two that do not roll, by as much as what was measured elsewhere makes.
+    """
+
+    name, title = "gap_turn", "attitude and velocity across gaps"
+    claims = "in a gap of the record the vehicle turned, or was pushed, otherwise than the samples about it say"
+    source = "dead reckoning: what a gap hides is an error of attitude and velocity from there on"
+    kind = "instrument"
+    axes: ClassVar = {"x": ("rad", "p", "p")} | dict.fromkeys("yz", ("rad", "q", "r"))
+    axes |= dict.fromkeys(("vy", "vz"), ("m/s", "ay", "az"))
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Of each axis and gap."""
+        measured, found = flight.measured(), list[Component]()
+        for number, gap in enumerate(flight.gaps, start=1):
+            for axis, (units, *channels) in self.axes.items():
+                rates = np.stack([getattr(flight, channel)[measured] for channel in channels])
+                size = float(np.sqrt(np.mean(np.var(rates, axis=1)))) * (gap.stop - gap.start) * flight.step
+                found += [Component(f"{axis} {number}", units, size)] if size > 0.0 else []
+        return tuple(found)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with so much more in that gap, evenly."""
+        axis, number = component.split()
+        gap, (_, one, other) = flight.gaps[int(number) - 1], self.axes[axis]
+        more = np.zeros(flight.samples, dtype=complex)
+        more[gap] = value / ((gap.stop - gap.start) * flight.step)
+        if one != other:
+            more[gap] *= np.exp(-1j * np.cumsum(flight.p[gap]) * flight.step) * (1.0 if axis.endswith("y") else 1j)
+        return replace(flight, **{other: getattr(flight, other) + more.imag, one: getattr(flight, one) + more.real})
+
+
 class Declared(RecordEffect):
     """What the record declares is larger than the truth by a share, of which `flight.instruments` has the size."""
 
@@ -334,4 +369,5 @@ def brv_hypo_record_effects() -> Sequence[RecordEffect]:
     """The effects of this module."""
     gyros = [GyroBias(), GyroScale(), GyroMisalignment()]
     accelerometers = [AccelBias(), AccelScale(), AccelMisalignment(), AccelPosition()]
-    return [*gyros, *accelerometers, TimeSkew(), DynamicPressureScale(), InertiaRatio(), Inertia(), Wind(), WindStep()]
+    declared = [DynamicPressureScale(), InertiaRatio(), Inertia()]
+    return [*gyros, *accelerometers, TimeSkew(), GapTurn(), *declared, Wind(), WindStep()]

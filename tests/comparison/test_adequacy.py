@@ -118,6 +118,7 @@ def brv_hypo_mechanisms():
 
 TWO_LOBED, SQUARE = "1j * motion.alpha * np.sin(2.0 * motion.windward_meridian)", "1j * motion.alpha**2"
 BY_ALPHA = "motion.alpha * np.exp(1j * (motion.windward_meridian + 0.5))"
+ASKEW = "(1.0 + 0.5j) * np.ones_like(motion.alpha)"  # a constant moment at an angle to the windward plane
 
 
 @pytest.mark.thorough
@@ -126,8 +127,12 @@ BY_ALPHA = "motion.alpha * np.exp(1j * (motion.windward_meridian + 0.5))"
     [
         (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
         (BY_ALPHA, 0.01, ["lag", "bodyfixed"], "body-fixed by alpha cosine and body-fixed by alpha sine"),
-        pytest.param(SQUARE, 0.1, ["lag"], "nonlinear side moment", marks=pytest.mark.slow),
-        pytest.param(SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear side moment", marks=pytest.mark.slow),
+        (ASKEW, 5e-4, ["inplane", "bodyfixed"], "constant in plane and constant across"),
+        pytest.param(
+            ASKEW, 4e-5, ["inplane", "bodyfixed"], "constant in plane and constant across", marks=pytest.mark.slow
+        ),
+        pytest.param(SQUARE, 0.1, ["lag"], "nonlinear across", marks=pytest.mark.slow),
+        pytest.param(SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear across", marks=pytest.mark.slow),
     ],
 )
 def test_a_cause_that_is_on_no_list_is_announced_with_its_shape(

@@ -23,7 +23,6 @@ from brv_hypo.comparison.verdict import (
     with_better_rival,
     with_far_error,
     with_far_processes,
-    with_gaps,
     with_prediction_error,
     without_converged_motion,
     without_power,
@@ -547,14 +546,3 @@ def test_with_an_error_far_beyond_its_tolerance_no_cause_is_established() -> Non
     assert with_far_error(with_prediction_error(named, 1.3), (far,)).reason.count("no established cause") == 1
     null = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert with_far_error(null, (far,)) == null
-
-
-def test_a_gap_where_the_leader_acts_or_beside_that_is_in_the_reason() -> None:
-    named = said(candidate("lag", 0.0), candidate(NONE, -30.0))
-    inadequate = named.model_copy(update={"outcome": "none adequate"})
-    inside, beside, far = (2.8, 3.3), (4.2, 4.7), (5.0, 5.4)
-    assert with_gaps(named, "lag", (2.0, 4.0), [far]) == named
-    reason = with_gaps(named, "lag", (2.0, 4.0), [inside, beside, far]).reason
-    assert "a gap where lag acts, or beside that region (2.8 to 3.3 s, 4.2 to 4.7 s)" in reason
-    assert reason.startswith(named.reason)
-    assert with_gaps(inadequate, "lag", (2.0, 4.0), [inside]) == inadequate

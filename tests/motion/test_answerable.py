@@ -55,6 +55,6 @@ def test_a_gap_across_which_the_attitude_is_unknown_is_warned_of(lost: int, warn
     flight = nominal().flight
     gapped = replace(flight, segments=((0, 400), (400 + lost, flight.samples))) if lost else flight
     warnings = " ".join(reconstruct(gapped).warnings)
-    assert ("attitude across it is unknown" in warnings) == warned
+    assert ("what the vehicle did in it is unknown" in warnings) == warned
     if warned:
         assert f"from {flight.time[400]:.2f} s" in warnings

@@ -55,7 +55,6 @@ class Layout(BaseModel):
 @dataclass(frozen=True)
 class TableFormat:
     """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters.
-
     `finds_numbers`: of no names (None) it gives every column of numbers, whatever text there is beside them.
     """
 
@@ -76,9 +75,8 @@ def known_formats() -> tuple[TableFormat, ...]:
 def read_columns(
     path: Path, names: tuple[str, ...], layout: Layout | None = None, zero: np.datetime64 | None = None
 ) -> ColumnTable:
-    """The columns `names` of a file, each (n,) of numbers; dates are s since `zero`, or since their first.
-
-    Raises UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
+    """The columns `names` of a file, each (n,) of numbers; dates are s since `zero`, or since their first. Raises
+    UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
     """
     layout = layout or Layout()
     wanted = tuple(dict.fromkeys((*names, *layout.where)))

@@ -154,15 +154,17 @@ class RandomWalkSmoother:
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
         self.shared = START_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
-        # Variance (n,) (m/s)^2 per part of the walk's steps from 0: instruments' noise, and what gaps hide.
-        step, measured = record.flight.step, record.measured
+        # Variance (n,) (m/s)^2 per part of the walk's steps from 0.
+        step = record.flight.step
         speed = 0.5 * (self.speed[1:] + self.speed[:-1])
         variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
-        hidden = ~(measured[1:] & measured[:-1])
-        rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[measured]) ** 2)))
-        length = max(int(np.count_nonzero(hidden)), 1) * step
-        variance = np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance)
         self.step_variance = np.append(variance[0], variance)
+        # Variance (n,) rad^2 per part of the crossflow in gaps, of which the ends alone are known: a Brownian bridge.
+        self.in_gaps = np.zeros(self.speed.size)
+        rate = rms(record.transverse_rate[record.measured]) / np.sqrt(2.0)
+        for gap in record.flight.gaps:
+            share = np.linspace(0.0, 1.0, gap.stop - gap.start + 2)[1:-1]
+            self.in_gaps[gap] = (rate * step * (gap.stop - gap.start)) ** 2 * share * (1.0 - share)
         self.nose_start = start_from_nose(record)
 
     def solve(
@@ -224,7 +226,8 @@ class RandomWalkSmoother:
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, solution.covariance[own, own]),
             response=response,
-            walk_covariance=equations.walk_covariance / self.speed[:, np.newaxis, np.newaxis] ** 2,
+            walk_covariance=equations.walk_covariance / self.speed[:, np.newaxis, np.newaxis] ** 2
+            + self.in_gaps[:, np.newaxis, np.newaxis] * np.eye(2),
             turn=point.nominal.turn,
             score=cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
             converged=converged,

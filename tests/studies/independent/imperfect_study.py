@@ -4,7 +4,8 @@ By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --fligh
 
 Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all`: every kind at half of its ordinary
 size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
-has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
+has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform. `--gap 0.03`: that share of each
+record is lost, in one piece that begins between a fifth and four fifths of it.
 Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
 value of the mechanism, its delay and the knot nearest to one of its edges, against what was planted. `--likelihood`
 counts those of maximum likelihood too, of a mechanism that begins at once.
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import process_time
 
 import numpy as np
@@ -25,6 +26,7 @@ from brv_hypo import compare
 from brv_hypo.comparison import CompareConfig, Comparison
 from brv_hypo.comparison.result import DerivedEstimate, MaximumLikelihood
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.format import assemble, unassemble
 from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
@@ -40,7 +42,8 @@ NAMED_SIZE = 0.1  # of it, from which names are counted apart there
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)  # of probabilities, for the calibration error
 EMPTY_EVERY = 3  # flights, of which one has nothing planted
 HALF = 0.5  # of the ordinary size, where all kinds come together
-_STREAM = 7
+GAPS = (0.2, 0.8)  # of the record, between which a gap begins
+_STREAM, _GAP = 7, 8
 
 
 @dataclass(frozen=True)
@@ -88,10 +91,22 @@ def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) 
     return made, kind, amplitude
 
 
-def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False) -> Outcome | str:
+def with_gap(made: Made, seed: int, share: float) -> Made:
+    """The flight without that share of its record, read again as a file is; shares of the moment are of the rest."""
+    record, kept = unassemble(made.flight), np.ones(made.flight.samples, dtype=bool)
+    first = int(np.random.default_rng([seed, _GAP]).uniform(*GAPS) * kept.size)
+    kept[first : first + round(share * kept.size)] = False
+    channels = {name: values[kept] for name, values in record.channels.items()}
+    true = replace(made.true, turning=made.true.turning[kept], contribution=made.true.contribution[kept])
+    flight = assemble(record.model_copy(update={"time": record.time[kept], "channels": channels}))
+    return replace(made, flight=flight, true=true)
+
+
+def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False, gap: float = 0.0) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
         made, kind, amplitude = drawn_flight(seed, number, grade, world)
+        made = with_gap(made, seed, gap) if gap else made
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     begun = process_time()
@@ -243,15 +258,22 @@ def count(what: str, hits: Sequence[bool]) -> str:
 
 
 def command_line(
-    description: str, flights: int, world: str, arguments: Sequence[str] | None = None, switches: Sequence[str] = ()
+    description: str,
+    flights: int,
+    world: str,
+    arguments: Sequence[str] | None = None,
+    switches: Sequence[str] = (),
+    shares: Sequence[str] = (),
 ) -> argparse.Namespace:
-    """The options of a study of drawn flights: seed, so many flights unless said, grade, world, jobs, switches."""
+    """The options of a study of drawn flights: seed, so many flights unless said, grade, world, jobs, and others."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=flights)
     parser.add_argument("--grade", default="tactical", choices=GRADES)
     parser.add_argument("--world", default=world, choices=("one", "all", "tolerances"))
     parser.add_argument("--jobs", type=int, default=1)
+    for name in shares:
+        parser.add_argument(f"--{name}", type=float, default=0.0)
     for name in switches:
         parser.add_argument(f"--{name}", action="store_true")
     return parser.parse_args(arguments)
@@ -259,8 +281,9 @@ def command_line(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments, ("likelihood",))
-    runs = (delayed(fly)(given.seed + k, k, given.grade, given.world, given.likelihood) for k in range(given.flights))
+    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments, ("likelihood",), ("gap",))
+    options = given.grade, given.world, given.likelihood, given.gap
+    runs = (delayed(fly)(given.seed + k, k, *options) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
 
