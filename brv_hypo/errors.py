@@ -51,7 +51,6 @@ class MissingRecordError(FlightRecordError, FileNotFoundError):
 
 class MechanismError(UsageError):
     """A plugin broke its contract: it raised, gave no answer, or columns that are not finite or of the wrong shape.
-
     `mechanism` is the name of what broke it, so that it can be left out; empty where that is not known.
     """
 

@@ -110,12 +110,11 @@ def _signed(field: FieldInfo) -> Any:
 
 
 def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Function], Function]:
-    """Name the settings in signature and docstring of a function that takes them as `**settings`, for completion.
-
-    The docstring, of which only the text, `Returns` and `Examples` are written out, becomes one of numpydoc: with its
-    parameters, as `parameters` describe them beside those that functions share, the settings, and what all raise.
-    Type checkers have the settings from a TypedDict beside the model; the signature that `help` prints has names and
-    simple defaults, the docstring the types.
+    """Name the settings in signature and docstring of a function that takes them as `**settings`, for completion. The
+    docstring, of which only the text, `Returns` and `Examples` are written out, becomes one of numpydoc: with its
+    parameters, as `parameters` describe them beside those that functions share, the settings, and what all raise. Type
+    checkers have the settings from a TypedDict beside the model; the signature that `help` prints has names and simple
+    defaults, the docstring the types.
     """
 
     def decorate(function: Function) -> Function:

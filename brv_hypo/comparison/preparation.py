@@ -59,10 +59,8 @@ def shared_problem(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None = None
 ) -> tuple[Problem, Settings]:
     """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
-
-    `common`: the time that flights share, where it is known better than by their Mach numbers.
-
-    How large the instruments' noise is at the frequencies of the motion is known once the motion is subtracted.
+    `common`: the time that flights share, where it is known better than by their Mach numbers. How large the
+    instruments' noise is at the frequencies of the motion is known once the motion is subtracted.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:

@@ -75,10 +75,9 @@ class Fit:
 def probabilities(
     levels: Mapping[str, float], others: Sequence[float] = (), other_prior: float = OTHER_PRIOR
 ) -> dict[str, float]:
-    """Posterior probabilities of hypotheses with these log evidences (Kass and Raftery 1995).
-
-    Half of the prior that `others`, which share `other_prior`, do not have is the baseline's, so that a longer list
-    takes nothing from it; the other half is shared by the mechanisms.
+    """Posterior probabilities of hypotheses with these log evidences (Kass and Raftery 1995). Half of the prior that
+    `others`, which share `other_prior`, do not have is the baseline's, so that a longer list takes nothing from it; the
+    other half is shared by the mechanisms.
     """
     rivals = sum(name != NONE for name in levels)
     half = 0.5 if NONE in levels and rivals else 1.0
@@ -155,9 +154,8 @@ def decide(
     other_prior: float = OTHER_PRIOR,
     confirmed: float = 1.0,
 ) -> Decision:
-    """The rules; `confirmed` is the share of repetitions that have the same leader.
-
-    What a leader that cannot be explains, something outside the list does.
+    """The rules; `confirmed` is the share of repetitions that have the same leader. What a leader that cannot be
+    explains, something outside the list does.
     """
     leader = max(listed, key=lambda candidate: candidate.level)
     levels = {candidate.name: candidate.level for candidate in listed}

@@ -220,12 +220,11 @@ def acting(
     most: int = 1,
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
-    hypothesis like another; without those beside which none is determined.
-
-    The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to find its
-    delay. The likeliest that begins at once, and the likeliest that comes on over these shares of the record: beside
-    processes a short region about one end may explain as much as the whole one with its onset. `most`: so many of
-    either, however far apart, as gains are those of the amplitudes before. `least`: see `_between`.
+    hypothesis like another; without those beside which none is determined. The times are those given, or of a fine
+    grid: between others the ends of a mechanism are too far off to find its delay. The likeliest that begins at once,
+    and the likeliest that comes on over these shares of the record: beside processes a short region about one end may
+    explain as much as the whole one with its onset. `most`: so many of either, however far apart, as gains are those of
+    the amplitudes before. `least`: see `_between`.
     """
     times, likely = _likely_regions(like.frame, mechanisms, nulls, edges, onsets, most)
     beside = [(*one, null) for each, null in zip(likely, nulls, strict=True) for one in each]

@@ -130,10 +130,9 @@ def joined(values: FloatArray) -> FloatArray:
 
 
 def crossed(values: FloatArray, longest: int) -> FloatArray:
-    """`values` (n,) with placeholders for every NaN: quintics through the samples about gaps of at most `longest`.
-
-    The attitude is carried across a gap by what the rates were in it. As many samples count on either side as are
-    missing, eight at least, so that their noise hardly shows; longer gaps are replaced along straight lines.
+    """`values` (n,) with placeholders for every NaN: quintics through the samples about gaps of at most `longest`. The
+    attitude is carried across a gap by what the rates were in it. As many samples count on either side as are missing,
+    eight at least, so that their noise hardly shows; longer gaps are replaced along straight lines.
     """
     whole = joined(values)
     missing = np.isnan(values)

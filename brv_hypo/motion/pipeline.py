@@ -214,11 +214,10 @@ def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
 def reconstruct(
     flight: Flight, config: ReconstructionConfig | None = None, perturbations: Sequence[Perturbation] = ()
 ) -> Reconstruction:
-    """Wind-relative motion and moments of `flight`, with standard deviations.
-
-    The record may err by each of `perturbations`, as likely as their sizes say, and the gyros' clock, which the motion
-    is on, may be late; without any it is taken as free of all but white noise. Raises UnanswerableError
-    where the record is too short, or the vehicle is not in the air.
+    """Wind-relative motion and moments of `flight`, with standard deviations. The record may err by each of
+    `perturbations`, as likely as their sizes say, and the gyros' clock, which the motion is on, may be late; without
+    any it is taken as free of all but white noise. Raises UnanswerableError where the record is too short, or the
+    vehicle is not in the air.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)

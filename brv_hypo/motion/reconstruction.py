@@ -99,9 +99,8 @@ def angle_known(sigma: float) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction(HasCharts, Histories):
-    """Wind-relative motion and moments of one flight of n samples.
-
-    The motion is on the gyros' clock, which may be late against time by its tolerance.
+    """Wind-relative motion and moments of one flight of n samples. The motion is on the gyros' clock, which may be late
+    against time by its tolerance.
     """
 
     flight: Flight  # the record as it was reconstructed

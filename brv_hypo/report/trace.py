@@ -254,6 +254,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         }
         for row in ordered
     ]
+    extremes = next((f"{each.extremes}." for each in filter(is_sure, step.decomposition) if each.extremes), "")
     doubtful = [each for each in step.decomposition if not is_sure(each)]
     small = [each.family + (f" {share(each.share)}" if each.share > LEAST_FAMILY else "") for each in doubtful]
     families = families_text(step) and families_text(step) + (f"; {NOT_SURE}: {', '.join(small)}" if small else "")
@@ -274,6 +275,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
         Table(candidates, by, columns, marked, most=CANDIDATES_AT_FIRST, shown="verbose" if later else "always"),
         Texts(words, bullets=False, shown="verbose" if later else "always"),
+        Texts([extremes[:1].upper() + extremes[1:]] if extremes else [], bullets=False, shown="verbose"),
         Texts([*filter(None, sentences)], bullets=False, strong=step.added is not None),
     ]
 

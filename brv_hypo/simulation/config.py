@@ -117,9 +117,8 @@ class GapConfig(Section):
 
 
 class TolerancesConfig(Section):
-    """What a flight record says of its instruments: `grade`, and `tolerances` by the keys of its format.
-
-    A plain number is in the units of a file of tolerances: `gyro_bias` in deg/s, all else SI; text may name units.
+    """What a flight record says of its instruments: `grade`, and `tolerances` by the keys of its format. A plain number
+    is in the units of a file of tolerances: `gyro_bias` in deg/s, all else SI; text may name units.
     """
 
     grade: str = DEFAULT_GRADE
@@ -233,10 +232,9 @@ ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
 def load_config(
     source: ConfigSource, *, plant: str | Sequence[str] = (), keywords: Mapping[str, Any] = {}
 ) -> SimulationConfig:
-    """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted.
-
-    `keywords` take the place of its keys, mappings key by key. Raises UsageError that names each wrong key, what it
-    holds and what is expected.
+    """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted. `keywords`
+    take the place of its keys, mappings key by key. Raises UsageError that names each wrong key, what it holds and what
+    is expected.
     """
     plant = plant.split(",") if isinstance(plant, str) else plant
     if isinstance(source, SimulationConfig) and keywords:

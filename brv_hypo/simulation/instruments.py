@@ -45,9 +45,8 @@ def sensed_channels(
 
 
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
-    """The configuration with errors and asymmetries drawn from N(0, (draw * tolerance)^2), `draw` then 0.
-
-    Every effect that hypotheses carry draws, from a stream of its own: what else is installed changes nothing.
+    """The configuration with errors and asymmetries drawn from N(0, (draw * tolerance)^2), `draw` then 0. Every effect
+    that hypotheses carry draws, from a stream of its own: what else is installed changes nothing.
     """
     factor = config.instruments.draw
     if factor == 0.0:
@@ -85,9 +84,8 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
 
 
 def wind_profile(config: SimulationConfig) -> WindProfile | None:
-    """The wind that the errors of a flight leave unaccounted for; None where they hold none.
-
-    A record that is said to know less of the wind than there is flew in that much more of it.
+    """The wind that the errors of a flight leave unaccounted for; None where they hold none. A record that is said to
+    know less of the wind than there is flew in that much more of it.
     """
     if not config.instruments.errors:
         return None

@@ -39,10 +39,8 @@ _TURN, _MOST_PARTS = 0.1, 64  # rad by which the meridian may turn in one step; 
 
 
 class Trajectory:
-    """An integrated flight: states (n, 13, 1) and their rates at the nodes passed so far.
-
-    At a break the rate jumps: the interval before it ends with the rate before the jump, the one after begins
-    with the rate after it.
+    """An integrated flight: states (n, 13, 1) and their rates at the nodes passed so far. At a break the rate jumps:
+    the interval before it ends with the rate before the jump, the one after begins with the rate after it.
     """
 
     def __init__(self, system: System) -> None:

@@ -196,12 +196,11 @@ class FaultDraws(Section):
 
 
 class DrawsConfig(Section):
-    """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly.
-
-    `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
-    `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
-    `windward_meridian` rad is the meridian at the start, uniform. Errors of instruments, vehicle and air are drawn from
-    the tolerances that the vehicles state, or from those of `instruments`; `faults` corrupts some of the records.
+    """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly. `size` multiplies
+    the planted coefficients, `delay` the planted delays and other nonlinear parameters, `gyro_noise` the gyros'
+    standard deviation. `onset_shift` s moves the planted regions, uniformly. `windward_meridian` rad is the meridian at
+    the start, uniform. Errors of instruments, vehicle and air are drawn from the tolerances that the vehicles state, or
+    from those of `instruments`; `faults` corrupts some of the records.
     """
 
     size: PositiveSpan = (0.15, 1.2)

@@ -307,11 +307,10 @@ def run_study(
 def spread(
     call: Callable[[Work], Result], items: Sequence[Work], *, jobs: int = 1, cluster: str | None = None
 ) -> Iterator[Result]:
-    """The results of `call` for every item, in any order, each item once; both must survive pickle.
-
-    `jobs` processes of one thread each, or the workers of the Dask scheduler at `cluster`: these need this package,
-    and files that were named with --plugin, in the same places, and one thread each (`dask worker --nthreads 1`).
-    What a lost worker was flying, another flies again. What is not done when the caller stops is cancelled.
+    """The results of `call` for every item, in any order, each item once; both must survive pickle. `jobs` processes of
+    one thread each, or the workers of the Dask scheduler at `cluster`: these need this package, and files that were
+    named with --plugin, in the same places, and one thread each (`dask worker --nthreads 1`). What a lost worker was
+    flying, another flies again. What is not done when the caller stops is cancelled.
     """
     if cluster is not None:
         yield from _on_cluster(call, items, cluster)

@@ -183,9 +183,8 @@ def _limit(planted: str, vehicle: str | None, outcomes: Sequence[Outcome]) -> De
 
 
 def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
-    """Level and slope of P(won) = 1 / (1 + exp(-(level + slope x))); x, won (n,).
-
-    Firth's (1993) penalised likelihood: the estimates stay finite where some x parts won from lost.
+    """Level and slope of P(won) = 1 / (1 + exp(-(level + slope x))); x, won (n,). Firth's (1993) penalised likelihood:
+    the estimates stay finite where some x parts won from lost.
     """
     centre, spread = float(x.mean()), float(x.std()) or 1.0
     design = np.column_stack([np.ones_like(x), (x - centre) / spread])

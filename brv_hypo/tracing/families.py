@@ -21,6 +21,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
+from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
@@ -28,8 +29,9 @@ from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
+from brv_hypo.io.text import estimated
 from brv_hypo.linearisation.channels import Histories, Part
-from brv_hypo.mechanisms.contract import MomentProcess, RecordEffect, RecordProcess
+from brv_hypo.mechanisms.contract import MomentProcess, Process, RecordEffect, RecordProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
@@ -46,6 +48,7 @@ RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the
 RECORD_SHARE_LARGEST = 1.0  # of what is measured, that an error in proportion to it may be: then nothing was measured
 RECORD_EFFECT_PRIOR = 30.0  # SI units, 1-sigma of what is added: it costs some nats, lest it come before moments
 _Process = TypeVar("_Process", MomentProcess, RecordProcess)
+_PLACES = 9  # at which the history of a process is looked at
 
 
 @dataclass(frozen=True)
@@ -152,10 +155,7 @@ class Beside:
         falls = dict[str, FloatArray]()
         for family, before, after in zip(order, squares, squares[1:], strict=False):
             falls[family] = np.asarray(falls.get(family, 0.0) + before - after)
-        largest = dict[str, str]()
-        for own in [last for _, last in selected[-1:]]:  # of each family the largest process is the last here
-            sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(own.rows.groups))]
-            largest = {own.rows.groups[k].family: own.rows.groups[k].name for k in np.argsort(sizes).tolist()}
+        largest = self._largest(selected[-1][1]) if selected else {}
         found = []
         for family, fall in falls.items():
             share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
@@ -171,7 +171,8 @@ class Beside:
                     interval_95=(low, high),
                     evidence=evidence,
                     effects=tuple(name for name in names if self.families[name] == family),
-                    process=largest.get(family),
+                    process=largest.get(family, (None, ""))[0],
+                    extremes=largest.get(family, (None, ""))[1],
                 )
             )
         return tuple(sorted(found, key=lambda each: -each.share))
@@ -202,6 +203,27 @@ class Beside:
                 break
             found.append((best, tried[best]))
             level = tried[best].level
+        return found
+
+    def _largest(self, own: Evidence) -> dict[str, tuple[str, str]]:
+        """Of each family the largest process, and its least and largest value on the first flight, in words."""
+        every: tuple[Process, ...] = (*_finer(moment_processes()), *_finer(record_processes()))
+        processes, groups, motion = {each.name: each for each in every}, own.rows.groups, self.rows.frame.motions[0]
+        places = np.linspace(0, motion.time.size - 1, _PLACES).round().astype(int)
+        shares = (motion.time[places] - motion.time[0]) / np.ptp(motion.time)
+        sizes, found = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))], dict[str, tuple[str, str]]()
+        for k in np.argsort(sizes).tolist():  # of each family the largest is the last
+            process, said = processes[groups[k].name], list[str]()
+            unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
+            values, errors = (each / unit for each in process_history(own, k, process.splines, 0, shares))
+            value = values[0] if len(values) == 1 else np.linalg.norm(values, axis=0)
+            sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(np.abs(value), 1e-300)
+            for j in sorted({int(np.argmin(value)), int(np.argmax(value))}):
+                time, mach, alpha = (float(each[places[j]]) for each in (motion.time, motion.mach, motion.alpha))
+                units = "" if groups[k].units == "1" else f" {groups[k].units}"
+                where = f"{time:.2f} s (Mach {mach:.3g}, alpha {np.degrees(alpha):.2g}°)"
+                said.append(f"{estimated(float(value[j]), float(sigma[j]))}{units} at {where}")
+            found[groups[k].family] = process.name, f"{process.title}: {' to '.join(said)}"
         return found
 
 

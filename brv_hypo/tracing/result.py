@@ -109,7 +109,8 @@ class Family(NullIsNaN):
     interval_95: Interval = Field(description="of the share")
     evidence: float = Field(default=0.0, description="nats of its processes beside all others")
     effects: tuple[str, ...] = Field(default=(), description="added ones of the family")
-    process: str | None = Field(default=None, description="the largest of its processes; `compare` has its history")
+    process: str | None = Field(default=None, description="the largest of its processes")
+    extremes: str = Field(default="", description="its least and largest value, and where, in words")
 
 
 class TriedCandidate(NullIsNaN):

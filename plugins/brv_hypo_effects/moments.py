@@ -149,9 +149,8 @@ class ReynoldsDamping(SimilarDamping):
 
 
 class StiffnessAsymmetry(Aerodynamic):
-    """C_m += d alpha cos(phi_w), C_n += d alpha sin(phi_w): stiffer in pitch by d, softer in yaw by as much.
-
-    In plane axes d alpha (cos 2 phi_w, sin 2 phi_w). The second term has its axes at 45 deg.
+    """C_m += d alpha cos(phi_w), C_n += d alpha sin(phi_w): stiffer in pitch by d, softer in yaw by as much. In plane
+    axes d alpha (cos 2 phi_w, sin 2 phi_w). The second term has its axes at 45 deg.
     """
 
     name, title = "stiffness_asymmetry", "unequal pitch and yaw stiffness"
@@ -167,9 +166,8 @@ class StiffnessAsymmetry(Aerodynamic):
 
 
 class Trim(Aerodynamic):
-    """C_m += C_m0, C_n += C_n0: constant in the body. A c.g. off the axis gives it too.
-
-    By that the axial force turns the vehicle: the moment follows its coefficient, where the motion tells it.
+    """C_m += C_m0, C_n += C_n0: constant in the body. A c.g. off the axis gives it too. By that the axial force turns
+    the vehicle: the moment follows its coefficient, where the motion tells it.
     """
 
     name, title = "trim", "constant body-fixed moment"
