@@ -23,7 +23,6 @@ from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
     WIDENED,
-    WITH_ONSETS,
     Pair,
     acting,
     beyond_linear,
@@ -67,6 +66,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
+_SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 _AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
@@ -374,7 +374,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
     shapes = unmodelled_moments(problem, listed, OUTSIDE)
-    tried = acting(problem, like, shapes, null.of_both_sizes, onsets=(0.0,), most=WITH_ONSETS)
+    tried = acting(problem, like, shapes, null.of_both_sizes, onsets=(0.0,), most=_SHAPES_TRIED)
     found = list({pair[0].mechanisms: pair for pair in sorted(tried, key=level)}.values())  # of each shape the best
     most = leader.information + 2.0 * MECHANISM_ACTS
     near = [fit for fit in judged.fits if leader.selected and fit.information < most]

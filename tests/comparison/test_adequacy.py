@@ -125,7 +125,7 @@ ASKEW = "(1.0 + 0.5j) * np.ones_like(motion.alpha)"  # a constant moment at an a
 @pytest.mark.parametrize(
     ("shape", "size", "listed", "said"),
     [
-        (TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment"),
+        pytest.param(TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment", marks=pytest.mark.slow),
         (BY_ALPHA, 0.01, ["lag", "bodyfixed"], "body-fixed by alpha cosine and body-fixed by alpha sine"),
         (ASKEW, 5e-4, ["inplane", "bodyfixed"], "constant in plane and constant across"),
         pytest.param(

@@ -63,7 +63,9 @@ def test_a_record_without_gaps_has_no_such_error() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("truth", "vehicle", "seed"), [("inplane", "biconic", 7), ("none", "cone", 8)])
+@pytest.mark.parametrize(
+    ("truth", "vehicle", "seed"), [("inplane", "biconic", 7), pytest.param("none", "cone", 8, marks=pytest.mark.slow)]
+)
 def test_a_gap_of_half_a_cycle_hides_no_name(truth: str, vehicle: str, seed: int) -> None:
     """Without that error, processes of wind were a hundred times their ordinary size, and no name came about."""
     made = with_gap(make_flight(vehicle, truth, 0.8, seed, "tactical"), seed, 0.03)

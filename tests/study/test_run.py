@@ -239,7 +239,7 @@ def test_the_command_goes_on_where_it_was_and_prints_tables(commanded, small):
     for heading in ("Ranked first", "Calibration", "Detection limits"):
         assert heading in done.stdout
     quiet = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--jobs", "1", "-q"])
-    assert quiet.stdout.startswith("What was planted is named in 1 of 1")
+    assert quiet.stdout.startswith("Study: What was planted is named in 1 of 1")
 
 
 @pytest.mark.thorough

@@ -19,10 +19,8 @@ def damping_of(vehicle: str, seed: int, kinds: tuple[str, ...]) -> Derivative:
     return found
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "vehicle", ["capsule", *(pytest.param(each, marks=pytest.mark.slow) for each in sorted({*CRAFTS} - {"capsule"}))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", sorted(CRAFTS))
 def test_a_constant_damping_is_found_at_every_mach_number(vehicle: str) -> None:
     """At no angle of attack; at that flown, what may bend makes it less certain."""
     found, true = damping_of(vehicle, 31, ()), CRAFTS[vehicle].damping
