@@ -101,13 +101,13 @@ def reconstruction_document(result: Reconstruction) -> Document:
 
 
 def history_rows(result: Reconstruction) -> list[dict[str, str]]:
-    """One row for each history: range, and the rms of its standard deviation."""
-    motion, usable = result.motion, result.moments.usable
+    """One row for each history: range, and the rms of its standard deviation, where the record has no gap."""
+    motion, usable, known = result.motion, result.moments.usable, result.flight.measured()
     plane, error = result.plane_moments[usable], result.moments.sigma[usable]
-    alpha, meridian = np.degrees(motion.alpha), np.degrees(motion.windward_meridian)
+    alpha, meridian = np.degrees(motion.alpha[known]), np.degrees(motion.windward_meridian[known])
     histories: list[tuple[str, str, FloatArray, FloatArray]] = [
-        ("angle of attack", "deg", alpha, np.degrees(result.alpha_sigma)),
-        ("windward meridian, unwrapped", "deg", meridian, np.degrees(result.phi_w_sigma)),
+        ("angle of attack", "deg", alpha, np.degrees(result.alpha_sigma[known])),
+        ("windward meridian, unwrapped", "deg", meridian, np.degrees(result.phi_w_sigma[known])),
         ("in-plane moment C_m,in", "1", plane.real, error),
         ("side moment C_n,side", "1", plane.imag, error),
     ]
