@@ -200,8 +200,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     leader, share, processes = beside.fits[beside.leader], judgement.explained(beside), judgement.processes(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
     found = limits(leader, beside.evidences[beside.leader], hypotheses, weight)
-    # A mechanism explains more than processes do of the baseline's residual, or it has more of the moment: slow moments
-    # make far more of the rates than fast ones, and the baseline takes up much of what processes make.
+    # Of the residual, or of the moment: slow moments make more of the rates, and the baseline may take them up.
     of_leader = max((each.share_of_moment for each in found if each.mechanism == leader.name), default=0.0)
     of_processes = math.hypot(*(each.share_of_moment for each in processes if each.is_of_moment))
     more = share.share > share.processes or of_leader > of_processes

@@ -168,10 +168,11 @@ def _judged(table: ForeignTable) -> None:
     channels = {name: table.in_si(name) for name in known}
     time = channels.pop("time")
     if set(INERTIAL_CHANNELS) <= set(channels):
-        rates = np.stack([table.values(name) for name in GYROS])
+        sizes, own = rules.sizes("angular rate"), {name: table.entries[name].units for name in GYROS}
+        rates = np.stack([table.values(name) * sizes[own[name]] / sizes[own["q"]] for name in GYROS])
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
         turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
-        found = physics.relative_axes(time, turn @ rates, turn @ forces, rules.sizes("angular rate"), air)
+        found = physics.relative_axes(time, turn @ rates, turn @ forces, sizes, air)
         if (found is None or found[2] > limits.GYROS_SURE) and table.tilt is None and air is None:
             table.unsure.append(
                 "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the "
@@ -182,7 +183,7 @@ def _judged(table: ForeignTable) -> None:
         else:
             said = f"the forces across the axis follow from the rates in {found[0]}"
             for name in GYROS:
-                _sure(table, name, found[0], said)
+                _sure(table, name, own[name] if found[0] == own["q"] else found[0], said)
             if not np.array_equal(found[1], np.eye(3)):
                 table.unsure.append(f"gyros: {said} as if {physics.as_turned(GYROS, found[1])}")
     table.unsure += [f"{fault.channel}: {fault.action}" for fault in physics.contradictions(time, channels)]

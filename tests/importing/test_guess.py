@@ -284,6 +284,18 @@ def test_a_reversed_sign_on_an_entry_is_noticed(tmp_path: Path, mistaken: tuple[
     assert all(f"# UNSURE: {doubt}" in guess.text for doubt in doubts)
 
 
+def test_gyros_in_units_of_their_own_keep_them(tmp_path: Path) -> None:
+    flight = simulate("research_cone", seed=1, duration=4.0).flight
+    units = {"time": "s", **dict.fromkeys(("ax", "ay", "az"), "mps2"), "velocity": "mps", "dynamic_pressure": "Pa"}
+    columns = {f"{name}_{unit}": getattr(flight, name) for name, unit in units.items()}
+    columns |= {"p_rps": flight.p / (2.0 * np.pi), "q_dps": flight.q / DEGREE, "r_dps": flight.r / DEGREE}
+    guess = guess_map(write_csv(tmp_path / "a.csv", columns))
+    found = channels_of(guess.text)
+    assert [found[name]["units"] for name in "pqr"] == ["revolution/s", "deg/s", "deg/s"]
+    assert "the forces across the axis follow from the rates in deg/s" in guess.text
+    assert not any("gyro" in doubt or "dps" in doubt for doubt in guess.unsure)
+
+
 def test_signs_that_nothing_shows_are_said_to_be_unchecked(tmp_path: Path) -> None:
     flight = simulate("blunt_capsule", seed=1, duration=4.0).flight
     columns = {name: getattr(flight, name) for name in ("time", "p", "q", "r", "ax", "ay", "az", "velocity")}
