@@ -73,6 +73,6 @@ def test_the_list_is_whole_on_a_narrow_terminal_and_names_where_a_plugin_came_fr
     lines = done.stdout.splitlines()
     assert "…" not in done.stdout
     assert max(map(len, lines)) <= 80
-    assert len(lines) < 115
+    assert len(lines) < 110
     (own,) = (number for number, line in enumerate(lines) if line.startswith("own "))
     assert "package: " in lines[own + 1]
