@@ -198,7 +198,7 @@ class GapTurn(RecordEffect):
     """
 
     name, title = "gap_turn", "attitude and velocity across gaps"
-    claims = "in a gap of the record the vehicle turned, or was pushed, otherwise than the samples about it say"
+    claims = "a gap of the record hides a turn, or a push"
     source = "dead reckoning: what a gap hides is an error of attitude and velocity from there on"
     kind = "instrument"
     axes: ClassVar = {"x": ("rad", "p", "p")} | dict.fromkeys("yz", ("rad", "q", "r"))
