@@ -41,6 +41,7 @@ GRAVITY = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
 THRUST_SHORTEST, THRUST_SMOOTHED = 0.2, 0.05  # s
 REST_OFF = 0.15 * GRAVITY  # m/s^2 by which a reading at rest may be off, or spread
+THRUST_TURNS = 3  # of the force along the axis about a thrust: two stages make no more, a swing does
 DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows a thrust that senses it
 BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
@@ -107,7 +108,8 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
     from scipy.ndimage import uniform_filter1d
 
     known, step = np.stack([joined(each) for each in forces]), float(np.median(np.diff(time)))
-    size = uniform_filter1d(np.linalg.norm(known, axis=0), max(1, round(THRUST_SMOOTHED / step)), mode="nearest")
+    width = max(1, round(THRUST_SMOOTHED / step))
+    size = uniform_filter1d(np.linalg.norm(known, axis=0), width, mode="nearest")
     least = max(2, round(THRUST_SHORTEST / step))
     for start, stop in (run for run in runs(size > THRUST) if run[1] - run[0] >= least):
         axis = known[:, start:stop].sum(axis=1)
@@ -115,7 +117,11 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
         along = axis @ known
         rest = np.percentile(size[: start - least], (10, 50, 90)) if start > 2 * least else np.array([0.0, 0.0, 1e9])
         rested = abs(rest[1] - GRAVITY) < REST_OFF and rest[2] - rest[0] < REST_OFF
-        if rested or float(np.mean(np.append(along[stop:], 0.0) < -DRAGGED)) > DRAGGED_SHARE:
+        first, last = max(0, start - 4 * (stop - start)), stop + 4 * (stop - start)
+        pushed = uniform_filter1d(along[first:last], width, mode="nearest")
+        swings = np.count_nonzero(np.diff(np.sign(pushed[np.abs(pushed) > DRAGGED]))) > THRUST_TURNS
+        swings |= float(np.median(size[first : start + 1])) > 0.5 * float(np.median(size[start:stop])) and start > least
+        if rested or (not swings and float(np.mean(np.append(along[stop:], 0.0) < -DRAGGED)) > DRAGGED_SHARE):
             speed = integral(time, np.where(np.arange(time.size) < start, 0.0, along - GRAVITY))
             if (top := start + int(np.argmax(speed[start:]))) - start >= least:  # else what is sensed drives nothing
                 slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
@@ -202,7 +208,9 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
         nose /= np.linalg.norm(nose)
     # The whole is twice as long as its parts, and its error half of theirs.
     apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
-    return Tilt(nose, float(np.hypot(apart, SPIN_OFF)), "mean spin and drag")
+    # Spin and drag each err by that much; where both lean nearly alike, their difference magnifies it.
+    magnified = float(np.hypot(times, 1.0)) / abs(times - 1.0)
+    return Tilt(nose, float(np.hypot(apart, magnified * SPIN_OFF)), "mean spin and drag")
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----
