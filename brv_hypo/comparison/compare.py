@@ -32,8 +32,9 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, Regressed, likeliest
-from brv_hypo.inference.held_out import block_of_whitened_row, held_out
+from brv_hypo.inference.held_out import held_out
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.rows import block_of_whitened_row
 from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
@@ -133,7 +134,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
+    errors = held_out(fits, beside.evidences, config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     leading = fits[beside.leader]

@@ -111,7 +111,7 @@ class RankedHypothesis(NullIsNaN):
     mechanism: str = Field(description="name of the hypothesis; `none`: baseline only")
     f_ratio: float | None = Field(description="of its terms together, no processes; null for `none`")
     cp: float = Field(description="Mallows' C_p, no processes, against the largest model compared")
-    prediction_error: float = Field(description="mean square of moment coefficients on held-out blocks, no processes")
+    prediction_error: float = Field(description="mean square of moment coefficients on held-out blocks")
     prediction_ratio: float = Field(description="`prediction_error` over that of `none`")
     r2: float = Field(description="share of the weighted squares that the fit without processes explains")
     bic: float = Field(description="extended BIC at `n_effective` samples")

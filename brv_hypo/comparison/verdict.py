@@ -230,7 +230,7 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     worse = f"no better than the baseline ({error_share(ratio)} of its error)"
-    said = _describes(verdict, f"without processes it predicts held-out blocks {worse}")
+    said = _describes(verdict, f"it predicts held-out blocks {worse}")
     return _described(verdict, verdict.winner, said)
 
 

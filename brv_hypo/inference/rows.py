@@ -26,7 +26,6 @@ from scipy.linalg import helmert
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.fit import HypothesisFit
-from brv_hypo.inference.held_out import block_of_whitened_row
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import prediction_slopes
 from brv_hypo.linearisation.frame import RateFrame, residual_moments
@@ -369,6 +368,22 @@ class Rows:
         return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
 
 
+def block_of_row(frame: RateFrame, count: int) -> IntArray:
+    """Block of each row of the frame (rows,): `count` of equal length a flight."""
+    out = np.zeros(frame.observed.size, dtype=np.int64)
+    flights = frame.flight_of_row
+    for number, flight in enumerate(np.unique(flights)):
+        rows = np.flatnonzero(flights == flight)
+        out[rows] = number * count + np.arange(rows.size) * count // rows.size
+    return out
+
+
+def block_of_whitened_row(problem: Problem, count: int) -> IntArray:
+    """Block of each whitened row (rows,); the rows of priors belong to no block: -1."""
+    blocks = block_of_row(problem.frame, count)[problem.rows.samples]
+    return np.append(np.tile(blocks, 4), np.full(problem.rows.nuisances.bounded.size, -1))
+
+
 def prior_of_times(mechanisms: Sequence[Mechanism], selected: Sequence[Regressor]) -> float:
     """Log probability that mechanisms which may end act throughout, where they do."""
     may_end = any(mechanism.time_variation != ("constant",) for mechanism in mechanisms)
@@ -402,17 +417,16 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
     bounded = {k for k in nuisances.bounded.tolist() if items[k].name not in names}
     number = problem.rows.order - 2 * len(problem.rows.part.levels)  # of nuisances; negative of what is integrated
     blocks, y = [], problem.raw_response[:top].copy()
-    for flight, motion in enumerate(frame.motions):
+    for flight in range(len(frame.motions)):
         rows, mine = problem.rows.of_flights[flight].places, number[unknowns.places[flight]].tolist()
         design, counted = unknowns.own[flight][: rows.size], use[rows, np.newaxis]
         free = [j for j, k in enumerate(mine) if k < 0 or not np.isfinite(items[k].present)]
         within = [j for j, k in enumerate(mine) if k in bounded]
         y[rows] -= design[:, within] @ np.array([items[mine[j]].present for j in within])
         parts = [design[:, [j for j, k in enumerate(mine) if k >= 0 and items[k].name == own.name]] for own in drifts]
-        start, stop = float(motion.time[0]), float(motion.time[-1])
-        for process in (each.model_copy(update={"start": start, "stop": stop}) for each in moments):
-            made = _of_process(problem, frame, process, flight)
-            parts.append(moment / max(rms_of_shapes(process, motion), 1e-300) * made)
+        for rates in rates_of_processes(frame, moments, flight, moment):
+            white = problem.rows.of_flights[flight].white_moments(rates)
+            parts.append(np.concatenate([white, np.zeros_like(white)]))
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
         raw, (own, _) = np.concatenate(parts, axis=1), orthonormal(counted * design[:, free])
@@ -440,13 +454,17 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
     return replace(empty, y=y, shared=shared, spread=spread, coefficients=coefficients)
 
 
-def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:
-    """The splines of a process of one flight as its rows."""
-    terms = process.terms(frame.motions[flight], {})
-    columns = [Regressor(process.name, term.name) for term in terms]
-    rates = frame.of_flight(flight).with_mechanisms([process]).columns(columns)
-    white = problem.rows.of_flights[flight].white_moments(rates)
-    return np.concatenate([white, np.zeros_like(white)])
+def rates_of_processes(
+    frame: RateFrame, moments: Sequence[MomentProcess], flight: int, moment: float
+) -> list[ComplexArray]:
+    """The splines of each process of one flight as rates (rows of the flight, splines), of a prior of its amplitude."""
+    motion, own, found = frame.motions[flight], frame.of_flight(flight), []
+    span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
+    for process in (each.model_copy(update=span) for each in moments):
+        columns = [Regressor(process.name, term.name) for term in process.terms(motion, {})]
+        size = moment / max(rms_of_shapes(process, motion), 1e-300)
+        found.append(size * own.with_mechanisms([process]).columns(columns))
+    return found
 
 
 def _counted(problem: Problem) -> BoolArray:

@@ -39,7 +39,7 @@ ALONE = (
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
-    "F-ratio, C_p, pred. error: of fits without processes, with knots, delays and noise as beside these: another "
+    "F-ratio, C_p: of fits without processes, with knots, delays and noise as beside these: another "
     "process changes C_p, which is above k, the number of coefficients, also where no term is missing. pred. error: "
     "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
     "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
@@ -271,7 +271,7 @@ def _compared(comparison: Comparison) -> list[Block]:
     gains = Line(held_out, places, "first", "held-out gain, ± 2 sigma", dots=True, size=LARGE, spread=wide)
     evidence = Line(level, places, "second", "ln evidence", dots=True, size=LARGE)
     panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
-    read = "Held-out gain: in ln probability of each twelfth of the record given the others; pred. error: no processes."
+    read = "Held-out gain: in ln probability of each twelfth of the record given the others, beside processes."
     over = Chart("evidence", "Evidence and held-out gain", "nats over the baseline only", panels, caption=read)
     # The likeliest first, of equals as they are ranked.
     chances = comparison.verdict.probability

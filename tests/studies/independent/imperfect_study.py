@@ -115,7 +115,10 @@ def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False
         comparison = compare([made.flight], settings)
     except UnanswerableError as error:  # it tumbles
         return f"seed {seed}: {error}"
-    verdict, fitted = comparison.verdict, next((each.ml for each in comparison.ranking), None)  # none of a faulty record
+    verdict, fitted = (
+        comparison.verdict,
+        next((each.ml for each in comparison.ranking), None),
+    )  # none of a faulty record
     seconds = process_time() - begun
     right = verdict.winner == made.truth != "none"
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
