@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison import CompareConfig, Comparison, compare
-from brv_hypo.comparison.judgement import Judged, judged
+from brv_hypo.comparison.judgement import Judged, searched
 from brv_hypo.comparison.preparation import shared_problem
 from brv_hypo.comparison.result import MotionHistories
 from brv_hypo.inference.problem import Problem
@@ -82,7 +82,7 @@ def judged_cone(*plant: str) -> Judged:
     """The research cone with that planted, and the planted mechanisms and `damping` judged beside processes."""
     names = tuple(dict.fromkeys(["none", *plant, "damping"]))
     hypotheses = {name: () if name == "none" else (find(name),) for name in names}
-    return judged([reconstructed(*plant)], CompareConfig(mechanisms=names[1:]), hypotheses, lambda _: None)
+    return searched([reconstructed(*plant)], CompareConfig(mechanisms=names[1:]), hypotheses, lambda _: None).judged()
 
 
 def histories(time: FloatArray, alpha: FloatArray, meridian: FloatArray, sigma: float = 0.01) -> MotionHistories:

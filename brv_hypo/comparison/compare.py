@@ -34,7 +34,6 @@ from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, Regressed, likeliest
 from brv_hypo.inference.held_out import held_out
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.rows import block_of_whitened_row
 from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
@@ -130,18 +129,19 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
     warnings = (*warnings, *sharing_warnings(reconstructions), *short_warnings(reconstructions))
-    beside = judgement.judged(reconstructions, config, answered, say)
+    found = judgement.searched(reconstructions, config, answered, say)
+    beside = found.judged()
+    verdict = _verdict(beside, answered, config.other_prior)
+    if verdict.winner is None and (other := found.about_another(beside)) is not None:
+        beside, verdict = other, _verdict(other, answered, config.other_prior)
     problem, fits = beside.problem, beside.fits
-    criteria = criteria_of(problem, fits, config.held_out_blocks)
+    criteria = criteria_of(problem, fits)
     say("predicting held-out blocks")
     errors = held_out(fits, beside.evidences, config.held_out_blocks)
-    verdict = _verdict(beside, answered, config.other_prior)
     ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
     leading = fits[beside.leader]
     verdict = rules.with_far_processes(rules.with_prediction_error(verdict, ratios[leading.name]), stated_processes())
     verdict = rules.with_second(verdict, leading.name, *_second(beside, answered))
-    if len(flights) > 1:
-        verdict = rules.with_better_rival(verdict, ratios)
     selected = clock.perf_counter()
     alone = identify_credible(problem, fits, verdict, config, say)
     pairs = {fit.name: (fit, own) for fit, own in zip(fits, beside.evidences, strict=True)}
@@ -296,19 +296,13 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
 # ---- The report's criteria ----
 
 
-def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Criteria, ...]:
     """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
     designs = [problem.design(fit.frame, fit.columns) for fit in fits]
     size = len(problem.baseline)
     complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
     null = least_squares(_independent(designs[0][:, :size]), problem.response)
-    block = block_of_whitened_row(problem, block_count)
-    reference = Reference(
-        rss_forced=null.rss,
-        n_forced=size,
-        complete=least_squares(complete, problem.response),
-        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
-    )
+    reference = Reference(rss_forced=null.rss, n_forced=size, complete=least_squares(complete, problem.response))
     return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
 
 

@@ -104,6 +104,13 @@ class Judged:
         return self.weight * (1.0 if self.fits[self.leader].selected else share_of((fit, own)))
 
     @property
+    def absolute(self) -> float:
+        """Log evidence of the leader under the noise of the record, whatever the problem is linear about."""
+        return possible_level((self.fits[self.leader], self.evidences[self.leader])) - self.rows.size * math.log(
+            self.rows.noise_ratio
+        )
+
+    @property
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
         return self.evidences[self.leader].noise * self.rows.noise_ratio
@@ -129,50 +136,89 @@ class Judged:
         return next(k for k, fit in enumerate(self.fits) if not fit.mechanisms)
 
 
-def judged(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Say
-) -> Judged:
-    """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
-    Where another leads there, or its residual is more than noise, the record is linearised about that beside its
-    processes once more; that is kept where it leaves half the lack of fit or hardly any, or of another leader not more:
-    a motion that hardly fits better makes up for what the model lacks, and the leader may explain what it does there.
-    """
+@dataclass(frozen=True)
+class Searched:
+    """Hypotheses searched about the baseline's fit, `fits` in `problem`, and the likeliest, `point`."""
 
-    def searched(common: CommonTime | None) -> tuple[Problem, Settings, list[HypothesisFit], HypothesisFit]:
-        """The hypotheses in a time that flights share, and the likeliest."""
-        shared, settings = shared_problem(reconstructions, config, common)
+    problem: Problem
+    settings: Settings
+    config: CompareConfig
+    fits: Sequence[HypothesisFit]
+    point: HypothesisFit
+    say: Say
+
+    def judged(self) -> Judged:
+        """Every hypothesis linear about the leader of the search, beside processes."""
+        return self._linearised(self.point, self.fits)
+
+    def about_another(self, known: Judged) -> Judged | None:
+        """The same about a hypothesis that is likelier about itself than the leader is: where the motion that one makes
+        is far from that of another, what is linear about it says little of the other. None where there is none.
+        """
+        others = (e for e in self.fits if e.selected and e.name not in (self.point.name, known.fits[known.leader].name))
+        null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
+        for fit in (self_consistent(self.problem, each) for each in others):
+            found = self._about(self.problem, fit, [*null, fit])
+            if found.fits[found.leader].selected:
+                tried.append((found.absolute, fit))
+        best = max(tried, key=lambda each: each[0], default=(-math.inf, None))[1]
+        if best is None or self._linearised(best, [*null, best]).absolute <= known.absolute:
+            return None
+        found = self._linearised(best, [best if fit.name == best.name else fit for fit in self.fits])
+        return found if found.absolute > known.absolute else None
+
+    def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
+        """Hypotheses linear about one. Where another leads there, or its residual is more than noise, the record is
+        linearised about that beside its processes once more; that is kept where it leaves half the lack of fit or
+        hardly any, or of another leader not more: a motion that hardly fits better makes up for what the model lacks,
+        and the leader may explain what it does there.
+        """
+        first = self._about(self.problem, point, fits)
+        leader = likeliest(first.fits)
+        same = leader.name == point.name
+        if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
+            return first
+        second = self._about(first.problem, leader, first.fits, _point_beside(first))
+        if not same:
+            return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
+        if second.misfit < first.misfit and second.lack_of_fit < max(RELINEARISED * first.lack_of_fit, 1.0):
+            return second
+        return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == leader.name else first
+
+    def _about(
+        self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
+    ) -> Judged:
+        self.say(f"linearising about {hypothesis(fit.name)}")
+        at = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        whole, there = linearised_about(problem, at, self.settings, self.config)
+        return _beside_processes(whole, there, fit, _renewed(there, fits))
+
+
+def searched(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Say
+) -> Searched:
+    """The hypotheses, of several flights in a time that these share where that fits better."""
+
+    def among(common: CommonTime | None) -> Searched:
+        problem, settings = shared_problem(reconstructions, config, common)
         fits: list[HypothesisFit] = []
         for name, mechanisms in hypotheses.items():
             say(f"fitting {hypothesis(name)}")
             rival = min((fit.information for fit in fits), default=math.inf)
-            fits.append(fit_hypothesis(shared, name, mechanisms, rival))
-        return shared, settings, fits, self_consistent(shared, likeliest(fits))
+            fits.append(fit_hypothesis(problem, name, mechanisms, rival))
+        return Searched(problem, settings, config, fits, self_consistent(problem, likeliest(fits)), say)
 
-    shared, settings, fits, point = searched(None)
-    if settings.common is not None and point.nonlinear:
+    first = among(None)
+    if first.settings.common is not None and first.point.nonlinear:
         say("aligning the flights")
-        common = aligned(reconstructions, config, settings.common, point)
-        found = None if common is None else searched(common)
-        price = 2.0 * (len(reconstructions) - 1) * math.log(point.effective)  # of two numbers a flight
-        if found is not None and _under_noise(found[0], found[3]) + price < _under_noise(shared, point):
-            shared, settings, fits, point = found
-
-    def about(problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint) -> Judged:
-        say(f"linearising about {hypothesis(fit.name)}")
-        whole, there = linearised_about(problem, at, settings, config)
-        return _beside_processes(whole, there, fit, _linearised(there, fits))
-
-    first = about(shared, point, fits, point_of(shared, point.frame, point.columns, point.mechanisms))
-    leader = likeliest(first.fits)
-    same = leader.name == point.name
-    if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
-        return first
-    second = about(first.problem, leader, first.fits, _point_beside(first))
-    if not same:
-        return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
-    if second.misfit < first.misfit and second.lack_of_fit < max(RELINEARISED * first.lack_of_fit, 1.0):
-        return second
-    return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == leader.name else first
+        common = aligned(reconstructions, config, first.settings.common, first.point)
+        found = None if common is None else among(common)
+        price = 2.0 * (len(reconstructions) - 1) * math.log(first.point.effective)  # of two numbers a flight
+        if found is not None and _under_noise(found.problem, found.point) + price < _under_noise(
+            first.problem, first.point
+        ):
+            return found
+    return first
 
 
 def _point_beside(found: Judged) -> LinearisationPoint:
@@ -252,7 +298,7 @@ def share_of(pair: Pair) -> float:
     return max(pair[1].share_of_terms, _LEAST_SHARE) if pair[0].selected else 1.0
 
 
-def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     """The fits in a problem linearised about the leader: knots and delays come from where they lie. Those that stay out
     of reach keep theirs.
     """

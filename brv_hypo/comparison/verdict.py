@@ -25,7 +25,6 @@ from brv_hypo.io.text import error_share, hypothesis, percent
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
-FAR_BETTER = 0.25  # of a held-out error: below it a rival is said to predict several flights far better; wording alone
 # Nats as they count beside small processes, from which a second mechanism is fitted: of two that act 200 to 9,000, of
 # one up to 132 (`two_mechanisms`, `imperfect_study` of all worlds); wording alone.
 SECOND_ACTS = 150.0
@@ -292,21 +291,6 @@ def without_power(verdict: Verdict) -> Verdict:
         return verdict
     said = f"{verdict.reason} But {', '.join(far)} may have the whole moment: the record excludes too little."
     return _described(verdict, None, said)
-
-
-def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
-    """The verdict on several flights, with the evidence against a mechanism that it names, or describes: a rival whose
-    held-out error, of `ratios` to the baseline's by name, is far smaller.
-    """
-    best, leader = min(ratios, key=ratios.__getitem__), verdict.winner or verdict.described
-    if leader is None or leader == NONE or ratios[best] > FAR_BETTER * ratios[leader]:
-        return verdict
-    said = (
-        f" But {best} predicts held-out blocks far better ({error_share(ratios[best])} of the baseline's error, "
-        f"{leader} {error_share(ratios[leader])}): where an event does not come at one Mach number on "
-        "all flights, a joint comparison misses it. Compare each flight by itself."
-    )
-    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit, outside: Sequence[Candidate]) -> str:

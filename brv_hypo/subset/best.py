@@ -34,7 +34,6 @@ from brv_hypo.subset.search import (
     seed_board,
 )
 
-HELD_OUT_BLOCKS = 5  # contiguous blocks of rows for the held-out error
 SCHUR_CONDITION = 2e5  # scaled condition number above which Schur complements lose too many digits
 # Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
 COMPILING_NODES = 8000
@@ -110,7 +109,6 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
         rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
         n_forced=len(frame.forced),
         complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
-        blocks=np.arange(frame.y.size) * HELD_OUT_BLOCKS // frame.y.size,
     )
 
     def fitted(columns: tuple[int, ...]) -> Subset:

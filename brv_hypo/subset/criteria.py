@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import FloatArray
 
 MOST_REFINEMENTS = 8
 # Correction, against the coefficients, that is below the last digit of extended precision by ten and more.
@@ -106,7 +106,6 @@ class Criteria:
     press: float  # sum of (e / (1 - h))^2: each row predicted from all others. Allen, Technometrics 16 (1974) 125.
     aic: float  # n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716.
     bic: float  # n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461.
-    held_out: float  # mean square error on blocks of rows, each predicted from the others
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,6 @@ class Reference:
     rss_forced: float  # of the forced model
     n_forced: int  # columns of it
     complete: LeastSquares  # the fit of all columns
-    blocks: IntArray  # labels (n,) 0, 1, ... of the rows to be held out together
 
 
 def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
@@ -144,7 +142,6 @@ def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
         press=press(fit),
         aic=log_likelihood + 2 * p,
         bic=log_likelihood + p * float(np.log(n)),
-        held_out=held_out_error(fit, reference.blocks),
     )
 
 
@@ -154,20 +151,6 @@ def press(fit: LeastSquares) -> float:
     if left.min() <= 1e-12:
         return float("nan")
     return float(np.sum((fit.residuals / left) ** 2))
-
-
-def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
-    """Mean square error of rows predicted without their block, from one factorisation. With Q_B the block's rows of the
-    basis, its held-out residuals are (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
-    """
-    k = fit.basis.shape[1]
-    rows = np.column_stack([fit.basis, fit.residuals])
-    within = np.array([fit.basis[blocks == b].T @ rows[blocks == b] for b in range(blocks.max() + 1)])
-    inner = np.eye(k) - within[:, :, :k]
-    if k and np.linalg.eigvalsh(inner)[:, 0].min() < 1e-10:
-        return float("nan")
-    shift = np.linalg.solve(inner, within[:, :, k:])[:, :, 0]
-    return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
 
 
 def _ratio(a: float, b: float) -> float:

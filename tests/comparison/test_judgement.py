@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from brv_hypo.comparison import CompareConfig, compare
-from brv_hypo.comparison.judgement import Judged, acts_since, explained, judged, processes
+from brv_hypo.comparison.judgement import Judged, Searched, acts_since, explained, processes, searched
 from brv_hypo.comparison.preparation import linearised_about
 from brv_hypo.comparison.result import ProcessEstimate
 from brv_hypo.flight.record import Flight
@@ -46,7 +45,9 @@ def with_pulse(scale: float, seed: int) -> SimulatedFlight:
 def judged_alone(flight: Flight) -> Judged:
     """`bodyfixed` and the baseline only."""
     hypotheses = {"none": (), "bodyfixed": (find("bodyfixed"),)}
-    return judged([reconstruct(flight)], CompareConfig(mechanisms=("bodyfixed",)), hypotheses, lambda _: None)
+    return searched(
+        [reconstruct(flight)], CompareConfig(mechanisms=("bodyfixed",)), hypotheses, lambda _: None
+    ).judged()
 
 
 @cache
@@ -129,10 +130,11 @@ def check_noise_above_stated(flight: Flight, least: float, patch: pytest.MonkeyP
     known: list[Judged] = []
 
     def remembered(*given: Any) -> Judged:
-        known.append(judged(*given))
-        return known[0]
+        known.append(linearised(*given))
+        return known[-1]
 
-    patch.setattr(importlib.import_module("brv_hypo.comparison.judgement"), "judged", remembered)
+    linearised = Searched._linearised
+    patch.setattr(Searched, "_linearised", remembered)
     config = CompareConfig(mechanisms=("damping",), maximum_likelihood="none", knot_count=3)
     verdict = compare(flight, config).verdict
     (found,) = known

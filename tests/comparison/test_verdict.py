@@ -20,7 +20,6 @@ from brv_hypo.comparison.verdict import (
     decide,
     judge,
     probabilities,
-    with_better_rival,
     with_far_error,
     with_far_processes,
     with_prediction_error,
@@ -208,16 +207,6 @@ def test_that_nothing_acts_is_not_said_where_most_may_be_the_whole_moment(
     found = without_power(verdict)
     assert found.outcome == outcome
     assert (found.winner is None) == ("m1, m2 may have" in found.reason) == (outcome == "undecided")
-
-
-def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:
-    named = said(NULL, LAG)
-    assert with_better_rival(named, {NONE: 1.0, "lag": 0.4, "damping": 0.11}) == named
-    reason = with_better_rival(named, {NONE: 1.0, "lag": 0.9, "damping": 0.03}).reason
-    assert "damping predicts held-out blocks far better (3 % of the baseline's error, lag 90 %)" in reason
-    assert with_better_rival(said(NULL), {NONE: 1.0, "lag": 0.1}) == said(NULL)
-    described = with_prediction_error(named, 1.3)
-    assert "damping predicts" in with_better_rival(described, {NONE: 1.0, "lag": 1.3, "damping": 0.03}).reason
 
 
 def test_the_baseline_may_be_named() -> None:

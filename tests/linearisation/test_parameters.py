@@ -114,7 +114,7 @@ def own(name: str) -> HypothesisFit:
 
 def numbers(fit: HypothesisFit) -> list[float]:
     """C_p, BIC, F-ratio and the rest of the criteria, probabilities, coefficients and their errors, delays in s."""
-    criteria = criteria_of(problem(), (null(), fit), 6)[1]
+    criteria = criteria_of(problem(), (null(), fit))[1]
     levels = {name: -0.5 * each.information for name, each in (("none", null()), (fit.name, fit))}
     chances = probabilities(levels, (levels["none"],))
     delays = [delay for column in fit.selected for delay in column.delays]

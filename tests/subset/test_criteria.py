@@ -48,19 +48,6 @@ def test_closed_forms(problem: tuple[np.ndarray, np.ndarray], size: int) -> None
     assert c.expected_variance == pytest.approx(p * c.rss / (n * (n - p)))
 
 
-def test_held_out_error_is_that_of_refitting(problem: tuple[np.ndarray, np.ndarray]) -> None:
-    X, y = problem
-    labels = np.arange(60) // 12
-    subset = best_subsets(X, y, 3).best(3)
-    columns = list(subset.terms)
-    squares = 0.0
-    for block in range(5):
-        held = labels == block
-        beta = np.linalg.lstsq(X[~held][:, columns], y[~held], rcond=None)[0]
-        squares += float(np.sum((y[held] - X[held][:, columns] @ beta) ** 2))
-    assert subset.criteria.held_out == pytest.approx(squares / 60, rel=1e-10)
-
-
 def test_allens_error_is_the_mean_over_the_rows(problem: tuple[np.ndarray, np.ndarray]) -> None:
     """The variance of the prediction at each row, and the square of its bias against the complete model."""
     X, y = problem
