@@ -101,7 +101,6 @@ class Tabular:
         return equal_values(self, other)
 
     def __repr__(self) -> str:
-        """Short, whatever the result holds."""
         return f"<{type(self).__name__}: {self.headline()}>"
 
     def _repr_html_(self) -> str:

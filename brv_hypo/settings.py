@@ -29,9 +29,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def settings_of(
-    model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None, keywords: Mapping[str, Any] = {}
+    model: type[Settings],
+    source: Settings | Mapping[str, Any] | str | Path | None,
+    keywords: Mapping[str, Any] = {},
+    others: Sequence[str] = (),
 ) -> Settings:
-    """Settings as they are, of a mapping or YAML file, or defaults (None), under `keywords`; UsageError if wrong."""
+    """Settings as they are, of a mapping or YAML file, or defaults (None), under `keywords`; UsageError if wrong.
+    `others`: what an unknown keyword may mean beside settings.
+    """
     if isinstance(source, model) and not keywords:
         return source
     where, content = "the settings", dict[str, Any]()
@@ -47,7 +52,7 @@ def settings_of(
     try:
         return model.model_validate({**content, **keywords})
     except ValidationError as error:
-        known = tuple(model.model_fields)
+        known = (*model.model_fields, *others)
         otherwise = f"known are {', '.join(known)}; start, stop and instruments are what `load_flight` takes"
         problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5), model)
         raise UsageError(f"{where}: {problems}.") from None

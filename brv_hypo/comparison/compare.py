@@ -198,7 +198,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         for words, fit, own in judgement.outside(beside, hypotheses)
         for each in (beside.weight_of(fit, own),)
     ]
-    leader, share, processes = beside.fits[beside.leader], judgement.explained(beside), judgement.processes(beside)
+    leader, share = beside.fits[beside.leader], judgement.explained(beside)
+    processes = judgement.processes(beside.evidences[beside.leader])
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
     found = limits(leader, beside.evidences[beside.leader], hypotheses, weight)
     # Of the residual, or of the moment: slow moments make more of the rates, and the baseline may take them up.
@@ -270,9 +271,7 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    """By name; that of a nuisance effect or process requests it in every hypothesis, and makes none of its own. Raises
-    UsageError where these are all that is named.
-    """
+    """By name, without nuisance effects and processes, which all have; UsageError where nothing else is named."""
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
     names = [name for name in config.mechanisms or () if name not in beside]

@@ -10,7 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
-from brv_hypo.comparison.judgement import Judged, share_of
+from brv_hypo.comparison.judgement import Judged, processes, share_of
 from brv_hypo.comparison.limits import fitted_size
 from brv_hypo.comparison.preparation import APART_SIGMAS
 from brv_hypo.comparison.result import (
@@ -53,12 +53,14 @@ _TIMES = 100  # at which histories of processes are evaluated: three for each sp
 def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
     """Fields of a comparison, of its leader above all; `motions` of all flights."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
-    gains, null = dict[str, dict[str, float]](), judged.evidences[judged.null].held_out
+    gains, null = dict[str, dict[str, Any]](), judged.evidences[judged.null].held_out
     independent = judged.weight / share_of((fit, own))
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
         error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
         gains[each.name] = {"held_out_gain": float(np.sum(gain)), "held_out_gain_std_error": error}
+        beside = [one for one in processes(evidence) if one.is_shown and one.size > one.std_error]
+        gains[each.name] |= {"process_shares": {one.name: one.share_of_moment for one in beside}}
         if each.selected:
             share, moment = share_of((each, evidence)), evidence.rows.measured_moment
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})

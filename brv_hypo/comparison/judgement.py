@@ -222,9 +222,7 @@ def searched(
 
 
 def _point_beside(found: Judged) -> LinearisationPoint:
-    """The leader with its processes of the moment, and the errors beside all processes, of which those of the record
-    stay linear: without them, errors make up for what they make, and the motion is another.
-    """
+    """The leader with its processes of the moment, and errors of the record beside all processes."""
     own, fit = found.evidences[found.leader], found.fits[found.leader]
     problem, drifts = own.rows.problem, {each.name for each in record_processes()}
     frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
@@ -299,9 +297,7 @@ def share_of(pair: Pair) -> float:
 
 
 def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
-    """The fits in a problem linearised about the leader: knots and delays come from where they lie. Those that stay out
-    of reach keep theirs.
-    """
+    """The fits linearised about the leader, knots and delays there; those out of reach keep theirs."""
     here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
     there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
     first = likeliest(there)
@@ -366,11 +362,11 @@ def explained(judged: Judged) -> Explained:
     return Explained(share=share, interval_95=(low, high), **rest)
 
 
-def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
-    """Every process beside the leader, the largest share of the moment first: of errors of record and air that of the
+def processes(own: Evidence) -> tuple[ProcessEstimate, ...]:
+    """Every process beside a hypothesis, the largest share of the moment first: of errors of record and air that of the
     rates that they make in those of the static moment.
     """
-    own, rows, found = judged.evidences[judged.leader], judged.rows, []
+    rows, found = own.rows, list[ProcessEstimate]()
     every: tuple[Process, ...] = (*record_processes(), *moment_processes())
     known = {each.name: each for each in every}
     for k, group in enumerate(rows.groups):

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import below_noise, estimated, hypothesis, number, percent, times
+from brv_hypo.io.text import below_noise, counted, estimated, hypothesis, number, percent, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
@@ -132,6 +132,7 @@ class RankedHypothesis(NullIsNaN):
     share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
+    process_shares: dict[str, float] = Field(default={}, description="of the moment, beside it: processes above sigma")
     ml: MaximumLikelihood | None = Field(default=None, description="fit by maximum likelihood; null: none was made")
 
     @property
@@ -155,6 +156,7 @@ class FlightSummary(NullIsNaN):
     start_s: float = Field(description="first sample used, s")
     stop_s: float = Field(description="last, s")
     sample_rate_hz: float = Field(description="Hz")
+    gaps_s: tuple[Interval, ...] = Field(default=(), description="begin and end of each gap that is not bridged, s")
     title: str = Field(default="", description="of the record")
     instruments: str = Field(default="", description="grade of the tolerances, and how many are stated")
     vehicle: dict[str, float] = Field(default_factory=dict, description="SI; `inertia`, `inertia_ratio`: tolerances")
@@ -218,6 +220,11 @@ class ProcessEstimate(NullIsNaN):
         return self.family in ("stiffness", "rate", "side", "body", "harmonic")
 
     @property
+    def is_shown(self) -> bool:
+        """Whether it makes a noticeable part of the moment."""
+        return self.share_of_moment > LEAST_PROCESS
+
+    @property
     def sized(self) -> str:
         """Its name with its size over the ordinary one, in words that `times` follows."""
         return f"{self.name} {number(self.size / self.tolerance, 2)}"
@@ -226,7 +233,7 @@ class ProcessEstimate(NullIsNaN):
     def is_far(self) -> bool:
         """Whether it is significant and far beyond an ordinary size."""
         least = max(NORMAL_95 * self.std_error, FAR_PROCESS * self.tolerance)
-        return self.size > least and self.share_of_moment > LEAST_PROCESS
+        return self.size > least and self.is_shown
 
 
 class MechanismLimit(NullIsNaN):
@@ -451,10 +458,12 @@ class Comparison(HasCharts, Result):
             lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if fits is not None:
             within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms){below_noise(fits.ratio)}"
-            of_answer, of_leader = (self.verdict.stability, "answer"), (self.verdict.same_leader, "leader")
-            stable, answer = of_leader if self.verdict.outcome == "undecided" else of_answer
-            repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same {answer}"
-            lines.append(f"{within}{repeated}.")
+            of_leader = self.verdict.outcome == "undecided"
+            stable = self.verdict.same_leader if of_leader else self.verdict.stability
+            same = {"undecided": "give the same leader", "none adequate": "find none adequate either"}
+            found_again = f"the repetitions {same.get(self.verdict.outcome, 'give the same answer')}"
+            lines.append(f"{within}{'' if stable is None else f'; {100.0 * stable:.0f} % of {found_again}'}.")
+        lines.append(self._gaps())
         leader = self.ranking[0].mechanism if self.ranking else ""
         lines.append(beyond_text(self.record_errors, leader, self.verdict.outcome))
         lines.append(self._far_processes())
@@ -463,6 +472,25 @@ class Comparison(HasCharts, Result):
                 f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
             )
         return "\n".join(filter(None, lines))
+
+    def _gaps(self) -> str:
+        """How many gaps the record has, how long, and what they do to the answer, in a sentence; empty without any."""
+        gaps = [gap for flight in self.flights for gap in flight.gaps_s]
+        if not gaps:
+            return ""
+        lasts, first = max((stop - start, start) for start, stop in gaps)
+        lost, whole = (
+            sum(stop - start for start, stop in some)
+            for some in (gaps, ((each.start_s, each.stop_s) for each in self.flights))
+        )
+        acts = self.ranking[0].acting if self.ranking else ()
+        ends = {end for each in acts for end in (each.start_s, each.stop_s)}
+        near = any(2.0 * start - stop < end < 2.0 * stop - start for start, stop in gaps for end in ends)
+        return (
+            f"{counted(len(gaps), 'gap')}, {number(lost, 2)} s or {percent(lost / whole)} % in all, the longest "
+            f"{number(lasts, 2)} s from {times(first)}: errors include what the vehicle may have done there (gap_turn"
+            f"){'; a change of the leader is dated to within one' if near else ''}."
+        )
 
     def _far_processes(self) -> str:
         """Processes far beyond an ordinary size, but for those in the reason, in a sentence: what they may be."""

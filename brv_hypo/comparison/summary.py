@@ -107,6 +107,7 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> result.Fli
         start_s=float(flight.time[0]),
         stop_s=float(flight.time[-1]),
         sample_rate_hz=flight.sample_rate,
+        gaps_s=(analysed or flight).gaps_s,
         title=flight.title,
         instruments=flight.instruments.described,
         vehicle={
@@ -205,7 +206,6 @@ def of_flight(frame: RateFrame, number: int | None) -> str:
 
 
 def _terms(fit: HypothesisFit, indices: slice) -> tuple[result.TermEstimate, ...]:
-    """Some of the coefficients of a fit."""
     return estimates(fit.columns[indices], fit.values[indices], fit.covariance[indices, indices], fit.frame)
 
 

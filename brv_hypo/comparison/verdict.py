@@ -172,9 +172,7 @@ def decide(
 
 
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
-    """Probabilities with the leader's lowered to that at which repetitions confirm it. The rest lead its rivals on the
-    list, to whom that goes by their probabilities; it says nothing of `other`.
-    """
+    """Probabilities, the leader's no larger than repetitions confirm; the rest goes to its rivals on the list."""
     lost = chances[leader] - max(stability, CREDIBLE_PROBABILITY)
     rivals = {name: chance for name, chance in chances.items() if name not in (leader, OTHER)}
     if lost <= 0.0 or not rivals:

@@ -127,7 +127,6 @@ def likelier(pairs: Sequence[Pair]) -> Pair:
 
 
 def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
-    """The changes that take a time."""
     bases = {column.time_basis for column in fit.selected}
     return {basis for basis in bases if basis.kind == "ramp" and math.isfinite(basis.stop)}
 
@@ -303,9 +302,7 @@ def _between(
     starts: Sequence[Evidence],
     least: tuple[float, float, float],
 ) -> Pair:
-    """A mechanism acting in a region between some times, its ends placed beside the first of `starts`, and moved unless
-    its log evidence is below `least[0]`, and with its linear gain below `least[1]`; with onsets from `least[2]` on.
-    """
+    """A mechanism in a region, its ends placed beside the first of `starts`, moved unless far below `least`."""
     (mechanism,), frame = like.mechanisms, like.frame.with_mechanisms(like.mechanisms)
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
     shortest = KNOT_MARGIN * SHORT_PART * np.ptp(time)
@@ -356,9 +353,7 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, round
 
 
 def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:
-    """The fit with the coefficients that an evidence has, knots and delays fixed; as it is where the evidence has
-    others. What lags or sticks follows the static moment beside processes.
-    """
+    """The fit with the coefficients of its evidence, and what follows the static moment after them."""
     terms = int(np.sum(own.terms.scaled))
     if terms != len(fit.selected):
         return fit
@@ -473,9 +468,7 @@ def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
 
 
 def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, weight: float) -> FloatArray:
-    """By how much coefficients, knots and delays change to where the evidence has fallen by a half as one delay or knot
-    grows, or becomes less (`sigma` < 0): between the values tried as the root of the fall.
-    """
+    """How coefficients, knots and delays change to where the evidence falls by half, one of them more or less."""
     (fit, own), count = pair, len(pair[0].columns)
     parameter, free = fit.nonlinear[number], [len(fit.selected) + number]
     at_mode = np.append(own.values_without(free)[:count], [each.value for each in fit.nonlinear])

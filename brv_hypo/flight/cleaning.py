@@ -145,9 +145,7 @@ def _shares(equal: BoolArray) -> FloatArray:
 
 
 def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
-    """Runs of `length` repetitions that `size` samples hold by nature, from the channel's other runs up to that length.
-    Where a wave turns, a quantised channel goes on repeating itself far more often than it begins to.
-    """
+    """Runs of `length` repetitions that `size` samples hold by nature, by the channel's shorter runs."""
     others = lengths[lengths <= length]
     repeated = int(others.sum()) - length
     begins = max(share, repeated / size)

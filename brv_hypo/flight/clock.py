@@ -272,9 +272,7 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
 
 
 def _jumps(values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """The jump (n,) of a channel before each sample, and what it changes by per step there, both in robust standard
-    deviations of the jump; None of one that is short, or never changes.
-    """
+    """Jump (n,) before each sample and its change a step, in robust sigmas; None if short or constant."""
     # Of the samples about a place, half a step away: slope and value of the parabola after it less that before.
     _, slope, value = np.linalg.pinv(np.vander(np.arange(JUMP_FLANK) + 0.5, 3))
     bends, weights = np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])

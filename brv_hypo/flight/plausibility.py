@@ -269,17 +269,20 @@ def relative_turns() -> Iterator[FloatArray]:
         yield np.diag(signs)[:, [0, 2, 1] if swapped else [0, 1, 2]]
 
 
+Mounting = tuple[float, str, FloatArray]
+"""Share of the forces that is unexplained, units and turn (3, 3) of the gyros."""
+
+
 def relative_axes(
     time: FloatArray,
     rates: FloatArray,
     forces: FloatArray,
-    units: Mapping[str, float],
+    units: Mapping[str, float | FloatArray],
     air: tuple[FloatArray, FloatArray] | None = None,
-) -> tuple[str, FloatArray, float] | None:
-    """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely. `rates`
-    (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose; `air` as of
-    `air_of`, else what thrust makes. The last value is the unexplained share of the best over that of the next. None
-    without a second of coast after thrust, or of known air.
+) -> list[Mounting]:
+    """How gyros may be mounted so that the accelerometers follow from them, the best first. `rates` (3, n) in any of
+    `units` (sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose; `air` as of `air_of`, else what
+    thrust makes. Empty without a second of coast after thrust, or of known air.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -291,27 +294,31 @@ def relative_axes(
         speed, used = flown[1], slice(flown[2][1] + round(FADED / step), flown[2][2])
         scale = speed**2 * np.exp(-integral(time, speed) / SCALE_HEIGHT)
     else:
-        return None
+        return []
     if (used.stop - used.start) * step < 1.0:
-        return None
+        return []
     width = max(1, round(RELATIVE_SMOOTHED / step))
     smooth = np.stack([uniform_filter1d(joined(each), width)[used] for each in (*rates, *forces)])
     since, speed = time[used] - time[used.start], speed[used]
     found = []
     for name, size in units.items():
         for matrix in relative_turns():
-            turned = size * matrix @ smooth[:3]
+            turned = matrix @ (np.reshape(size, (-1, 1)) * smooth[:3])
             squares, slope = path_into_force(since, turned, smooth[3:], speed, scale[used])
             found.append((squares[1] / squares[0] if slope > 0.0 else 1.0, name, matrix))
-    found.sort(key=lambda each: each[0])
-    return found[0][1], found[0][2], found[0][0] / max(found[1][0], 1e-300)
+    return sorted(found, key=lambda each: each[0])
+
+
+def is_sure(found: Sequence[Mounting]) -> bool:
+    """Whether the first leaves far less unexplained than the next."""
+    return bool(found) and found[0][0] <= limits.GYROS_SURE * found[1][0]
 
 
 def as_turned(triad: Sequence[str], turn: FloatArray) -> str:
-    """What a signed permutation (3, 3) makes of a triad's channels: `p, q, r were -p, -q, r`."""
+    """What a signed permutation (3, 3) makes of a triad's channels: `p, q, r were -p, -q, r`; empty where nothing."""
     axes = np.argmax(np.abs(turn), axis=1)
     names = [("-" if row[axis] < 0.0 else "") + triad[axis] for axis, row in zip(axes, turn, strict=True)]
-    return f"{', '.join(triad)} were {', '.join(names)}"
+    return "" if names == list(triad) else f"{', '.join(triad)} were {', '.join(names)}"
 
 
 # ---- What breaks the physics of any vehicle, and units that are turned ----
@@ -470,13 +477,28 @@ def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) 
 
 
 def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> tuple[RecordFault, ...]:
-    """A fault where the forces (3, n) follow from the rates (3, n) in other units, turned or reversed."""
-    degree = float(np.pi / 180.0)
-    found = relative_axes(time, rates, forces, {"": 1.0, " in deg/s": degree, " in rad/s, read as deg/s": 1.0 / degree})
-    if found is None or found[2] > limits.GYROS_SURE or (found[0] == "" and np.array_equal(found[1], np.eye(3))):
+    """A fault where the forces (3, n) follow from the rates (3, n) in other units, of all or one, turned or reversed;
+    where one surely does of those that are of all gyros, with what is of one and as likely.
+    """
+    degree, of_all = float(np.pi / 180.0), ", ".join(GYROS)
+    units: dict[str, float | FloatArray] = {"": 1.0}
+    for names in (of_all, *GYROS):
+        for read, size in (("deg/s", degree), ("rad/s, read as deg/s", 1.0 / degree)):
+            units[f"{names} were in {read}"] = np.where([name in names for name in GYROS], size, 1.0)
+    found = relative_axes(time, rates, forces, units)
+    same_units = [each for each in found if not each[1] or each[1].startswith(of_all)]
+
+    def mistake(mounting: Mounting) -> str:
+        return " and ".join(filter(None, (as_turned(GYROS, mounting[2]), mounting[1])))
+
+    if not any(is_sure(some) and mistake(some[0]) for some in (found, same_units)):
         return ()
+    likely = [each for each in found if each is found[0] or found[0][0] > limits.GYROS_SURE * each[0]]
+    mistakes = list(map(mistake, likely))
+    share = found[0][0] / max(found[len(likely)][0], 1e-300)
     words = (
-        f"the forces across the axis follow from the rates as if {as_turned(GYROS, found[1])}{found[0]}, leaving "
-        f"{found[2]:.2f} of what the next best leaves: correct units, axes and signs of the gyros in the map"
+        f"the forces across the axis follow from the rates as if {', or '.join(mistakes)}, leaving {share:.2f} of what "
+        "the next best leaves: correct units, axes and signs of the gyros in the map"
     )
-    return (RecordFault.over(time, "p, q, r", "axes" if found[0] == "" else "units", words, decisive=True),)
+    channels = max((each.partition(" were")[0] for each in mistakes), key=len)
+    return (RecordFault.over(time, channels, "units" if found[0][1] else "axes", words, decisive=True),)

@@ -209,10 +209,14 @@ class Flight(Histories, HasCharts):
         """The samples of each gap between segments."""
         return [slice(b, a) for (_, b), (a, _) in pairwise(self.segments) if a > b]
 
+    @property
+    def gaps_s(self) -> tuple[tuple[float, float], ...]:
+        """Begin and end of each, s."""
+        return tuple((float(self.time[gap.start]), float(self.time[gap.stop])) for gap in self.gaps)
+
     def within(self, at: float) -> float:
         """s within which a change at that time was: a sample, or to the far end of a gap that it is in, or near."""
-        gaps = ((float(self.time[gap.start]), float(self.time[gap.stop])) for gap in self.gaps)
-        return max([self.step, *(max(at - a, b - at) for a, b in gaps if a - (b - a) < at < b + (b - a))])
+        return max([self.step, *(max(at - a, b - at) for a, b in self.gaps_s if a - (b - a) < at < b + (b - a))])
 
     def measured(self, ends: int = 0) -> BoolArray:
         """Where the instruments were read (n,), not bridged, less so many samples at the ends of each segment."""

@@ -124,7 +124,6 @@ def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) ->
 
 
 def _read(key: str, value: Any) -> Any:
-    """A tolerance of a file in SI."""
     dimension = INSTRUMENT_DIMENSIONS[key]
     plain = "deg/s" if key == "gyro_bias" else SI[dimension]
     found = []

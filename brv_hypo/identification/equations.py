@@ -261,9 +261,7 @@ class VehicleModel:
         return self._shapes(key, evaluated)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
-        """The motion of a point; it depends on the parameters of forces and gravity through its rates only. What noise
-        leaves in the inputs does too little to the rates for a mechanism to depend on it.
-        """
+        """The motion of a point, which depends on its parameters through the rates only."""
         rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
@@ -352,5 +350,4 @@ def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
 
 
 def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
-    """Two histories as one complex pair."""
     return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))

@@ -123,9 +123,7 @@ def derolled_crossflow(frame: RateFrame, part: WeakSegment) -> CubicSpline:
 def _quadrature_error(
     part: WeakSegment, moments: ComplexArray, size: int, knots: Sequence[float], meridian: Meridian
 ) -> float:
-    """Largest error of the angular rate, rad/s, by Simpson's rule on every `size`-th sample; intervals with
-    knots, or with nodes in between, left out.
-    """
+    """Largest error (rad/s) of the rate, by Simpson's rule on every `size`-th sample, knots left out."""
     acceleration = CubicSpline(part.time, part.factor * moments)
     nodes = part.time[size // 2 :: size]
     if nodes.size < 2:

@@ -454,9 +454,7 @@ def _histories(
 def _attitude_error(
     flight: Flight, roll_rate: FloatArray, rate: ComplexArray, gravity: FloatArray, smooth: SmoothInputs
 ) -> ComplexArray:
-    """What gravity gains in de-rolled axes (n,), m/s^2, where the gyros' errors have turned the computed attitude. Axes
-    computed from rates that are too large by e have turned by the integral of e too far.
-    """
+    """What gravity gains in de-rolled axes (n,), m/s^2, as errors of the gyros turn the computed attitude."""
     if not (np.any(roll_rate) or np.any(rate)):
         return np.zeros(flight.samples, dtype=complex)
     derolled = rate * np.exp(1j * smooth.roll)

@@ -173,19 +173,20 @@ def _judged(table: ForeignTable) -> None:
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
         turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
         found = physics.relative_axes(time, turn @ rates, turn @ forces, sizes, air)
-        if (found is None or found[2] > limits.GYROS_SURE) and table.tilt is None and air is None:
+        if not (sure := physics.is_sure(found)) and table.tilt is None and air is None:
             table.unsure.append(
                 "signs and axes of gyros and accelerometers were not checked: thrust, or speed and air data in the "
                 "same file, would show them"
             )
-        elif found is None or found[2] > limits.GYROS_SURE:
+        elif not sure:
             table.unsure.append("signs and axes of the gyros: the forces do not show them, and they are taken as named")
         else:
-            said = f"the forces across the axis follow from the rates in {found[0]}"
+            _, units, turned = found[0]
+            said = f"the forces across the axis follow from the rates in {units}"
             for name in GYROS:
-                _sure(table, name, own[name] if found[0] == own["q"] else found[0], said)
-            if not np.array_equal(found[1], np.eye(3)):
-                table.unsure.append(f"gyros: {said} as if {physics.as_turned(GYROS, found[1])}")
+                _sure(table, name, own[name] if units == own["q"] else units, said)
+            if words := physics.as_turned(GYROS, turned):
+                table.unsure.append(f"gyros: {said} as if {words}")
     table.unsure += [f"{fault.channel}: {fault.action}" for fault in physics.contradictions(time, channels)]
     if {"density", "altitude"} <= set(channels):
         share = float(np.nanmedian(channels["density"] / atmosphere(channels["altitude"], "density")))

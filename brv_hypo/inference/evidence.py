@@ -482,7 +482,6 @@ def _factors(rows: Rows, at: FloatArray) -> dict[int, _Factor]:
 
 
 def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
-    """Those of each flight."""
     factors = {}
     for number, known in products.flights.items():
         scale = _scale(rows, rows.blocks[number], at)
@@ -514,7 +513,6 @@ class _Eliminated(NamedTuple):
 
 
 def _eliminated(products: Products, factors: Mapping[int, _Factor]) -> dict[int, _Eliminated]:
-    """The processes of each flight eliminated."""
     parts = {}
     for number, factor in factors.items():
         known = products.flights[number]

@@ -82,7 +82,6 @@ class _Flight:
 
 
 def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evidence: Evidence, count: int) -> float:
-    """The held-out error of one fit."""
     unknowns, histories, frame = problem.rows.unknowns, problem.rows.nuisances.flights, fit.frame
     makes, precision = _of_terms(fit, evidence)
     shared = np.column_stack([problem.raw_design(frame, fit.columns) @ makes, unknowns.shared, problem.raw_response])

@@ -320,9 +320,7 @@ class Rows:
         return _closed(whole, fit) if fit.ends else whole
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
-        """Of what parameters move (frame rows, parameters) that of knots of several flights as contrasts between these,
-        which leave a knot its flights' mean (frame rows, knots times contrasts): events come near one Mach number.
-        """
+        """Of moves of knots of several flights (frame rows, parameters), contrasts between these flights."""
         knots = [k for k, each in enumerate(fit.nonlinear) if each.kind == "knot"] if len(self.blocks) > 1 else []
         mine = self.frame.flight_of_row[:, np.newaxis] == np.arange(len(self.blocks))
         found = [(mine * rates[:, [k]]) @ helmert(len(self.blocks)).T for k in knots]

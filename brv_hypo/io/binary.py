@@ -269,7 +269,6 @@ def _flat(content: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple
 
 
 def _nested(tree: Tree) -> dict[str, Any]:
-    """A tree as a struct."""
     values = {name: dataset.values for name, dataset in tree.datasets.items()}
     return {**values, **{name: _nested(below) for name, below in tree.groups.items()}}
 

@@ -74,8 +74,6 @@ def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Pa
 
 
 class _Worker:
-    """The reading process of this process."""
-
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None

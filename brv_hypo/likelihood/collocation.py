@@ -310,8 +310,6 @@ def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, na
 
 @dataclass(frozen=True)
 class _There:
-    """A segment at some states and parameters."""
-
     model: Model  # the functions
     grid: Grid  # the segment
     x: FloatArray  # its states, (n_states, n)

@@ -232,9 +232,7 @@ def _sensitivities(
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
-    """Variances brought near with theta fixed: far too loose or tight dynamics would mislead theta. Process noise
-    alone at first: beside one that is far too large, measurement noise seems to be none.
-    """
+    """Variances brought near with theta fixed, process noise first: beside too much of it, no other shows."""
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
             linear = linearised(problem, iterate)

@@ -72,9 +72,7 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
 
 
 def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
-    """Parameters at 0, or as near as their bounds let them, and the states that the outputs then show. Delays, and what
-    else acts alike over a short way only, stay. None where the functions are not defined there.
-    """
+    """Parameters at 0 but for delays, or near by bounds, and their states; None where functions are not defined."""
     parameters = problem.parameters
     local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
     local |= np.isfinite(problem.reach)

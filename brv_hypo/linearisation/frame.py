@@ -243,7 +243,6 @@ class RateFrame:
 
     @cached_property
     def _evaluated(self) -> dict[_Key, _Shapes]:
-        """Shapes that are known."""
         return {}
 
     @cached_property
@@ -253,7 +252,6 @@ class RateFrame:
 
     @cached_property
     def _shown(self) -> tuple[Motion, ...]:
-        """The motions as mechanisms are shown them."""
         return tuple(read_only(motion) for motion in self.finer)
 
     @cached_property

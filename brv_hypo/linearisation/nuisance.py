@@ -268,9 +268,7 @@ def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
 def _tolerated(
     frame: RateFrame, number: int, mechanism: Mechanism, shared: bool = False
 ) -> list[tuple[Nuisance, Histories]]:
-    """Unknowns of the terms of a tolerance, and the history of each on the rows of a flight. `shared`: all flights have
-    it, and the tolerance is that of the flight in whose time histories are.
-    """
+    """Unknowns of a tolerance's terms, with histories on the rows of a flight; `shared`: all flights have it."""
     sizes = mechanism.tolerance(frame.reconstructions[frame.reference if shared else number].flight)
     terms = () if sizes is None else mechanism.terms(frame.motions[number], {})
     columns = [term_column(mechanism, term, flight=number) for term in terms]

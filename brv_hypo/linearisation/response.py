@@ -217,9 +217,7 @@ class LinearisedFlight:
 
     @cached_property
     def _as_modelled(self) -> Flight:
-        """The noise-free flight with the transverse rates that the moment model makes, constants of integration fitted.
-        A scale of measured rates would hold what the model does not explain, and scale it away.
-        """
+        """The noise-free flight with the transverse rates of the moment model, constants of integration fitted."""
         smooth = self._noise_free.record
         own, factors, kept = self._unintegrated([(smooth, self.reconstruction.crossflow)])
         nodes = self.reconstruction.nodes
@@ -231,9 +229,7 @@ class LinearisedFlight:
 
     @cached_property
     def _noise_free(self) -> NominalMotion:
-        """That of the record as it would read without noise: smoothed rates, the fitted force. A column made of a
-        measured channel would hold the same noise as the response, and find itself.
-        """
+        """The record as it would read without noise: columns made of measured channels would find that noise."""
         force = self.force.at(self.record.force_scale, self.reconstruction.crossflow, self.force_values)
         return NominalMotion(noise_free(self.record, force), self.reconstruction.start)
 
@@ -341,6 +337,5 @@ class LinearisedFlight:
 
     @cached_property
     def _moments(self) -> MomentModel:
-        """The moment model about the motion."""
         motion = self.reconstruction.motion_at_nodes
         return MomentModel(self.reconstruction, self.mechanisms, self.columns, self.values, motion)

@@ -448,7 +448,6 @@ def multiplies_shapes_by_splines(process: Process) -> None:
 
 
 def _of_a_process(item: Mechanism | RecordEffect) -> Checks:
-    """What a process has to pass besides."""
     own = (has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines)
     return own if isinstance(item, Process) else ()
 

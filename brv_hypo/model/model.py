@@ -62,7 +62,6 @@ class Model(BaseModel):
     added: tuple[str, ...] = ()
 
     def __add__(self, more: Model) -> Model:
-        """Both."""
         return Model(
             mechanisms={**self.mechanisms, **more.mechanisms},
             columns=(*self.columns, *more.columns),

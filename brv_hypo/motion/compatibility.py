@@ -405,9 +405,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
 
 
 def _contradictions(flight: Flight) -> tuple[Correction, tuple[RecordFault, ...]]:
-    """The mistake whose correction restores the record best; and whether the gyros contradict it even so. Of a body
-    that tumbles the relations show nothing: only what ends that is a mistake.
-    """
+    """The mistake whose correction restores the record best, and what contradicts it even so."""
     if not _long_segments(flight):
         return AS_IT_IS, ()
     readings = Readings.of(flight)

@@ -127,9 +127,7 @@ def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatAr
 def _scale_heights_risen(
     flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray
 ) -> FloatArray:
-    """Scale heights (n,) of the density by which the `force` (n, 3) across the axis has raised the vehicle. A coning
-    body flies a helix. Zero where the direction of gravity, or the altitude, is not known.
-    """
+    """Scale heights (n,) that `force` (n, 3) across the axis has raised the vehicle by; 0 if gravity is unknown."""
     pull = float(np.linalg.norm(gravity))
     if not pull > 0.0 or flight.altitude is None or not np.all(np.isfinite(flight.altitude)):
         return np.zeros(flight.samples)

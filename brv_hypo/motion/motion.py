@@ -124,7 +124,6 @@ class Motion:
     common_time: FloatArray | None = None
 
     def __repr__(self) -> str:
-        """Short: the arrays are long."""
         return f"<Motion: {self.time.size} samples>"
 
     def delayed(self, tau: float) -> Motion:
@@ -290,9 +289,7 @@ def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadratur
 
 
 def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArray:
-    """Times to add to those of a stretch: halves of what is between two, wherever the crossflow goes too far there, or
-    the meridian's rate changes by too much for what is late by `delay` s.
-    """
+    """Halves of what is between times where the crossflow goes, or the meridian's rate changes, too far."""
     found: list[FloatArray] = []
     begin, end, low, high = time[:-1], time[1:], xi[:-1], xi[1:]
     for _ in range(NODE_HALVINGS):

@@ -130,7 +130,9 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
             "the search for the motion did not converge: alpha may be farther off than its sigma says. Give a window "
             "in which it is smaller (--start, --stop), or the tolerances that the instruments have (--instruments)"
         )
-    if lost := gaps_of(flight):
+    longest = longest_crossed(flight.step, flight.q, flight.r)  # of which the rates about it give those inside
+    pairs = zip(flight.gaps, flight.gaps_s, strict=True)
+    if lost := [ends for gap, ends in pairs if gap.stop - gap.start > longest]:
         first, last = lost[0]
         others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
         yield (
@@ -159,17 +161,8 @@ def _own_limits(record: InertialRecord, wind: WindHistory) -> Iterator[str]:
         yield f"the angle of attack is {known}; a longer window, or one of higher dynamic pressure, would do better"
 
 
-def gaps_of(flight: Flight) -> list[tuple[float, float]]:
-    """Begin and end (s) of gaps that are too long for the rates about them to give those inside."""
-    longest = longest_crossed(flight.step, flight.q, flight.r)
-    ends = ((gap.start, gap.stop) for gap in flight.gaps if gap.stop - gap.start > longest)
-    return [(float(flight.time[b]), float(flight.time[a])) for b, a in ends]
-
-
 def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[str]:
-    """Whether noise hides the moments; as a share of the moments that the gyros show. Weighed by the dynamic pressure:
-    as it falls, a coefficient's error grows without bound, a moment's does not.
-    """
+    """Whether noise hides the moments that the gyros show, weighed by the dynamic pressure."""
     usable = moments.usable
     if not usable.any():
         yield "no stretch of the record is long enough to differentiate the gyros: there are no moments"
@@ -189,9 +182,7 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> Iterator[s
 
 
 def _samples_per_cycle(record: InertialRecord) -> Iterator[str]:
-    """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own. The strongest
-    motion, which `inspect` reports, may be far slower, and is named beside it.
-    """
+    """Few samples in a cycle at the rms frequency of the rates; beside it in one at the strongest, as `inspect`."""
     flight, spin = record.flight, record.spin_rate
     change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]
     noise = record.gyro_sigma**2

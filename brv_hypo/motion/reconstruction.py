@@ -75,7 +75,6 @@ class MomentEstimate:
     spin_angle: FloatArray  # (n,) rad
 
     def __repr__(self) -> str:
-        """Short: the arrays are long."""
         return f"<MomentEstimate: {self.body.size} samples, {np.count_nonzero(self.usable)} usable>"
 
 

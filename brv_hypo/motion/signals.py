@@ -263,9 +263,7 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float) -> float:
-    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
-    `pieces` are the real and, where it has one, the imaginary part of each.
-    """
+    """Mean squared bias by the `difference` from a filter of less bias; below `margin` sigmas none."""
     long = [parts for parts in pieces if parts[0].size >= difference.size]
     count = sum(parts[0].size - difference.size + 1 for parts in long)
     power = 0.0

@@ -122,7 +122,8 @@ def predict(
         raise UsageError(f"got {type(saved).__name__} for a model, expected what `trace` returned, or a file of it.")
     named = refit.split(",") if isinstance(refit, str) else refit
     refitted = tuple(current_name(name.strip()) for name in named if name.strip())
-    path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
+    path = None if isinstance(saved, SavedModel) else Path(saved)
+    chosen = settings_of(TraceConfig, config, settings, ["refit"])
     content = saved if isinstance(saved, SavedModel) else read_model(Path(saved))
     own = one_flight(flight)
     record = averaged(own)  # as `trace` has it
@@ -311,9 +312,7 @@ def _frozen(
 
 
 def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Which columns have fixed coefficients, their covariance in the file, that without processes, and what errors of
-    pressure and inertia of two flights add, which scale all alike: neither flight's covariance has all of them.
-    """
+    """Columns of fixed coefficients, their covariance, that without processes, and that of pressure and inertia."""
     fixed = fit.known[: places.size]
     known = np.flatnonzero(np.isfinite(fixed))
     stated, bare = (each[np.ix_(places[known], places[known])] for each in content.known_covariance)
@@ -321,9 +320,7 @@ def _uncertain(fit: Fit, content: SavedModel, places: IntArray) -> tuple[IntArra
 
 
 def _moved_by_times(fit: Fit, content: SavedModel, places: IntArray) -> ComplexArray:
-    """What one standard deviation of each delay and knot does to the rates (frame rows, parameters): that in the file,
-    and of a knot within a sample, by which filters shift it on either flight.
-    """
+    """What a sigma of each delay and knot, with shifts by filters, does to the rates (frame rows, parameters)."""
     nonlinear, step = fit.nonlinear, shift_sigma(fit.data.flights[0].step)
     known = [content.columns[places[each.columns[0]]].time_errors.get(each.name, 0.0) for each in nonlinear]
     sigmas = np.hypot(known, [step * (each.kind == "knot") for each in nonlinear])
@@ -377,9 +374,7 @@ def _tolerated(flight: Flight) -> tuple[str, ...]:
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tuple[Model, tuple[str, ...]]:
-    """The model with the constant columns of mechanisms that it lacks and that are to be fitted here, and which of the
-    names are errors of record and vehicle; UsageError for a name that nothing has.
-    """
+    """The model with refitted mechanisms that it lacks, and which names are of record and vehicle."""
     known, effects = {name for column in model.columns for name in (column.mechanism, column.term)}, list[str]()
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
@@ -493,9 +488,7 @@ def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) 
 
 
 def _flown(content: SavedModel, data: Corrected, own_spans: _Spans) -> BoolArray:
-    """Where the flights that the model was found on flew in Mach number and angle of attack, but for what was its own
-    record (rows,).
-    """
+    """Where the model's flights flew in Mach number and angle of attack, less its own record (rows,)."""
     motion, samples = data.frame.motions[0], data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in content.flown.items():

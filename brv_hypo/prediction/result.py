@@ -135,7 +135,7 @@ class Prediction(HasCharts, Result):
         if np.isnan(self.misfit):
             return f"Prediction: an extrapolation of the model{self.without}, not tested"
         contradicted = "is contradicted" if self.refused or self.lacks_an_effect else "is not contradicted"
-        where = f" (tested on {percent_of(self.flown)} of the samples: the rest is extrapolation)"
+        where = f" (tested on {percent_of(self.flown)} of the samples)"
         return f"Prediction: the model{self.without} {contradicted}{where if self.extrapolates else ''}"
 
     @property
@@ -191,8 +191,12 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f"is an extrapolation, and whether this flight contradicts it is not tested.{own_part}{helps}"
         )
     said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
+    differs, partly = _differs(found), found.extrapolates and not found.own_record
+    contradicted = found.refused or found.lacks_an_effect
+    said += f"{differs.lstrip()} " if contradicted else ""  # what -q prints is the first sentence
+    said += f"On the {percent_of(found.flown)} of the samples where the model is known, the" if partly else "The"
     said += (
-        f"The frozen model{found.without} {_explains(found.explained)} the moments' mean square, noise aside; "
+        f" frozen model{found.without} {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
@@ -204,13 +208,11 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f"{band.model_error:.2g} (rms), {band.model_error / np.sqrt(noise):.1f} times the noise: the prediction "
             "interval includes this."
         )
-    if found.extrapolates and not found.own_record:
-        said += (
-            f" {percent_of(1.0 - found.flown)} of the samples lie elsewhere in Mach number or angle of attack than the "
-            "model was found: an extrapolation, which is neither tested nor in these shares."
-        )
-    said += own_part
-    said += _differs(found) + helps
+    beyond = 1.0 - found.flown - found.of_own
+    if partly and beyond > 1.0 - PREDICTED_NEARLY_ALL:
+        where = "elsewhere in Mach number or angle of attack: an extrapolation, not tested"
+        said += f" {percent_of(beyond)} of the samples lie {where}."
+    said += own_part + ("" if contradicted else differs) + helps
     timed = [each.mechanism for each in found.refitted if each.region_s is not None or each.delay_s is not None]
     if timed:
         said += (
@@ -246,7 +248,7 @@ def _differs(found: Prediction) -> str:
         said += (
             f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
             f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
-            f"(F {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
+            f"(F-ratio {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
         )
     return said
 

@@ -17,7 +17,7 @@ from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothes
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
+from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Span, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 FUNCTIONS = {
@@ -32,9 +32,9 @@ CHANNELS = {
 }
 """By chart and channel, title and scale of an axis."""
 ALONE = (
-    "Dots: measured less baseline, processes and errors of the record beside it. With processes: the sum; where these "
-    "cancel the moment, only the sum is known. Moments are derivatives of smoothed rates: where the plane of alpha "
-    "turns fast, some of one component is in the other."
+    "Dots: measured less baseline, processes and errors of the record: what is unexplained without it. With processes: "
+    "the sum; where these cancel the moment, only the sum is known. Moments are derivatives of smoothed rates: where "
+    "the plane of alpha turns fast, some of one component is in the other."
 )
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
@@ -97,7 +97,7 @@ def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict
 def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Setting:
     """What charts over time of one flight share, with the knots of a hypothesis."""
     flight = comparison.flights[index]
-    faults = charts.masked(comparison.record.faults, flight.stop_s - flight.start_s)
+    faults = charts.shaded(comparison.record.faults, flight.stop_s - flight.start_s, flight.gaps_s)
     which = (f"-{index + 1}", f", flight {index + 1}") if len(comparison.flights) > 1 else ("", "")
     return Setting((flight.start_s, flight.stop_s), list(knots), faults, *which)
 
@@ -107,6 +107,10 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     series, leader = comparison.series[index], comparison.ranking[0]
     knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
+    ends = {name: at for at, name in knots.items() if name}
+    (start, stop), name = setting.span, f"{leader.mechanism} acts"
+    acts = [Span(ends.get("onset", start), ends.get("end", stop), name, "first")] if ends else []
+    of_moments = replace(setting, shaded=[*setting.shaded, *acts])
     time, measured, sigma = series.time_s, np.array(series.measured), series.sigma
     # the baseline below, for contrast, and the leader last, on top
     shown = sorted(series.residuals, key=lambda name: (name == leader.mechanism, name != "none"))
@@ -115,9 +119,13 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     models = [replace(each, moments=measured - each.moments) for each in residuals]
     bare = Drawn("no processes", np.array(series.fitted[leader.mechanism]), "guide", hidden=True)
     left = replace(bare, moments=measured - bare.moments)
+    without = [left]
+    if leader.n_terms and series.alone:
+        lacking = residuals[-1].moments + np.array(series.alone[1])
+        without.append(Drawn(f"without {leader.mechanism}", lacking, "second", hidden=True))
     moments = [
-        charts.moment_chart(setting, time, sigma, [*models, bare], measured, caption=JUDGED),
-        charts.moment_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
+        charts.moment_chart(of_moments, time, sigma, [*models, bare], measured, caption=JUDGED),
+        charts.moment_chart(of_moments, time, sigma, [*residuals, *without], caption=JUDGED),
         charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     overview = moments[0]
@@ -130,7 +138,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         moments.append(replace(by_alpha, caption=ALONE))
         if best is leader:
             name, heading = f"overview{setting.suffix}", f"{heading}{setting.which}"
-            chart = charts.moment_chart(setting, time, sigma, drawn, beyond)
+            chart = charts.moment_chart(of_moments, time, sigma, drawn, beyond, dots="measured less all else")
             marks = [Mark(*knot) for knot in knots.items()]
             overview = replace(chart, name=name, heading=heading, caption=ALONE, marks=marks)
     channels = []
@@ -159,7 +167,6 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
 
 
 def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
-    """Net values of a hypothesis over time."""
     panels = []
     known = {(value.mechanism, value.name): value.units for each in row.intervals for value in each.values}
     for term, units in known.items():
@@ -260,7 +267,7 @@ def _quality(comparison: Comparison) -> list[Block]:
     known = (*own, *faults) if comparison.record.sound else (*faults, *own)
     warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
-    return [Texts(none, bullets=False, shown="page"), tables.warning_texts(warnings)]
+    return [Texts(none, bullets=False, shown="page"), tables.gap_table(comparison), tables.warning_texts(warnings)]
 
 
 def _compared(comparison: Comparison) -> list[Block]:

@@ -80,11 +80,12 @@ class Mark:
 
 @dataclass(frozen=True)
 class Span:
-    """A part of the horizontal axis that is shaded, such as samples that are masked; the legend has its name."""
+    """A part of the horizontal axis that is shaded, as samples that are masked; the legend has its name."""
 
     start: float
     stop: float
     name: str = ""
+    role: Literal["masked", "first"] = "masked"
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,8 @@ def _fill(figure: Figure, chart: Chart) -> None:
             label = "" if mark.name else chart.dashed
             axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--", label=label)
         for span in chart.spans:
-            axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0, label=span.name)
+            colour = {"masked": "#e69f00"}.get(span.role, COLOURS["first"])
+            axes.axvspan(span.start, span.stop, color=colour, alpha=0.2, linewidth=0, label=span.name)
     top, bottom = rows[0], rows[-1]
     figure.supxlabel(_caption(chart), fontsize=8, x=0.01, ha="left")
     for mark, line in named(chart.marks):

@@ -66,6 +66,7 @@ _AXIS = {
 _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text is
+_SHADES = {"masked": "--masked", "first": "--first-band"}
 _NAME = 13  # height of a mark's name, px
 _WHOLE = 9  # a table of more columns takes the whole width of the page
 _NARROW = 4  # a table of more columns does not fit a third of it
@@ -97,7 +98,7 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
                 traces.append({**trace, **place, "legendgroup": layer.name, "showlegend": shown})
                 in_legend.add(name)
     shapes = {chart.dashed: {"color": "--mark", "width": 1, "dash": "dash"}}
-    shapes |= {span.name: {"color": "--masked", "width": 10} for span in chart.spans}
+    shapes |= {span.name: {"color": _SHADES[span.role], "width": 10} for span in chart.spans}
     for name, line in shapes.items() if traces else ():  # which no legend has: a line of no points represents them
         empty = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "line": line, "xaxis": "x", "yaxis": "y"}
         traces += [{**empty, "name": name, "legendgroup": name, "showlegend": True}] if name else []
@@ -208,8 +209,8 @@ def _marked(chart: Chart) -> dict[str, list[dict[str, Any]]]:
     """Spans and marks, and above the frame the names of marks, from their line on."""
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
     dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
-    shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
-    shapes = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
+    shaded = {**whole, "type": "rect", "line": {"width": 0}, "layer": "below"}
+    shapes = [{**shaded, "x0": s.start, "x1": s.stop, "fillcolor": _SHADES[s.role]} for s in chart.spans]
     shapes += [{**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks]
     above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
     marks = [

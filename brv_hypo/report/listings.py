@@ -12,7 +12,7 @@ from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import NOT_A_NUMBER, number, share, times
 from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
-from brv_hypo.mechanisms.contract import Mechanism, Process, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect
 from brv_hypo.mechanisms.registry import OWN, Installed, Item, find, find_installed
 from brv_hypo.model.term import theta_grid
 from brv_hypo.report.document import Block, Table, Texts
@@ -24,7 +24,8 @@ KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 OF_KINDS = (
     "`compare` takes kind mechanism, with `--mechanisms installed` those of other packages too; kind aerodynamic "
-    "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance."
+    "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance. By shape: the "
+    "family of the processes whose shapes make most of the moment on a flight."
 )
 
 
@@ -54,7 +55,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     spans = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
     low, high = map(number, inspection.dynamic_pressure_range)
     frequency, samples = number(inspection.transverse_frequency), number(inspection.samples_per_cycle)
-    moves = f"the strongest transverse motion is at {frequency} Hz, {samples} samples a cycle of it"
+    moves = f"q and r are strongest at {frequency} Hz, {samples} samples a cycle (alpha may oscillate faster)"
     moves = moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found"
     usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
     title = "Faults" if trial.sound else "Faults: the record contradicts itself"
@@ -101,16 +102,23 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     rows = []
     for name, entry in found.items():
         item = entry.item
-        lines = [f"{item.family}: {item.title}" if isinstance(item, Process) else item.claims]
+        lines = [f"{_family(item) or 'by shape'}: {item.title if isinstance(item, Process) else item.claims}"]
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:
             lines += [f"source: {item.source}", f"planted: {', '.join(planted_names(item))}"]
         kind = "process" if isinstance(item, Process) else item.kind
-        rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
+        rows.append({"name": name, "kind": kind, "family: claims": "\n".join(lines)})
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
     heading = f"Mechanisms, effects and processes of {OWN} {__version__}, or of the package given"
-    return Table(rows, heading, ("name", "kind", "claims"))
+    return Table(rows, heading, ("name", "kind", "family: claims"))
+
+
+def _family(item: Item) -> str | None:
+    """The family whose processes it may be taken for; None: of those whose shapes make most of its moment."""
+    if isinstance(item, Mechanism) and not isinstance(item, MomentProcess):
+        return item.stated_family
+    return item.family
 
 
 def planted_names(item: Item) -> tuple[str, ...]:
@@ -136,13 +144,11 @@ def plantable_texts(plantable: Mapping[str, Sequence[str]]) -> Texts:
 
 def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """The same as data for JSON."""
-    described = ("kind", "title", "claims", "source")
     mechanisms = []
     for name, entry in found.items():
-        keys = (*described, "family") if isinstance(entry.item, Process) else described
-        item = {key: getattr(entry.item, key) for key in keys}
+        item = {key: getattr(entry.item, key) for key in ("kind", "title", "claims", "source")}
         about = {"planted": planted_names(entry.item), "package": entry.package, "version": entry.version}
-        mechanisms.append({"name": name, **item, **about})
+        mechanisms.append({"name": name, **item, "family": _family(entry.item), **about})
     return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms, "plantable": plantable}
 
 

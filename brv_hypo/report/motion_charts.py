@@ -122,7 +122,7 @@ class Setting:
 
     span: tuple[float, float]  # of the record, s
     knots: Sequence[float] = ()  # to mark, s
-    masked: Sequence[tuple[float, float, str]] = ()  # faults to shade: from, to (s), name
+    shaded: Sequence[Span] = ()
     suffix: str = ""  # of file names, which distinguishes the flights of one result
     which: str = ""  # the same in headings
 
@@ -136,7 +136,7 @@ class Setting:
             over_time=True,
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
-            spans=[Span(*fault) for fault in self.masked],
+            spans=self.shaded,
             caption=" ".join(filter(None, read)),
             dashed="knots" if self.knots else "",
         )
@@ -160,9 +160,10 @@ def moment_chart(
     measured: FloatArray | None = None,
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     caption: str = "",
+    dots: str = "measured",
 ) -> Chart:
     """Models, the last one on top, over measured moments within two standard deviations; else residuals by noise."""
-    panels = _panels(titles, time, models, measured, sigma)
+    panels = _panels(titles, time, models, measured, sigma, named=dots)
     cut = cut_text(panels)
     if measured is None:
         return setting.chart("residuals", "Residual moments", panels, caption, _GYROS, cut)
@@ -191,6 +192,7 @@ def _panels(
     measured: FloatArray | None = None,
     sigma: Values | None = None,
     dots: bool = False,
+    named: str = "measured",
 ) -> list[Panel]:
     """A panel for each moment: the measured one, if any, within its noise, and the models: below it as `dots`."""
     known = np.zeros((2, 0)) if measured is None else measured
@@ -205,7 +207,7 @@ def _panels(
         layers += [Line(x, factor * m.moments[k], m.role, m.name, dots, size=size, hidden=m.hidden) for m in models]
         if measured is not None:  # above dots, below lines
             place = len(layers) if dots else len(layers) - len(models)
-            layers.insert(place, Line(x, factor * measured[k], "measured", "measured", dots=True))
+            layers.insert(place, Line(x, factor * measured[k], "measured", named, dots=True))
         panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
 
@@ -292,16 +294,15 @@ def process_chart(
     return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
-def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Intervals to shade for faults; of single samples the first and the last; for what is of the whole record none."""
-    found = []
+def shaded(faults: Iterable[RecordFault], length: float, gaps: Iterable[tuple[float, float]]) -> list[Span]:
+    """Gaps, and intervals of faults; of single samples the first and the last; of what is of the whole record none."""
+    narrow, found = _NARROWEST * length, [Span(*gap, "gap") for gap in gaps]
     for fault in faults:
-        narrow = _NARROWEST * length
         if fault.of_single_samples:
-            found += [(at - 0.5 * narrow, at + 0.5 * narrow, _SHADED) for at in {fault.start_s, fault.stop_s}]
+            found += [Span(at - 0.5 * narrow, at + 0.5 * narrow, _SHADED) for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
-            found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), _SHADED))
-    return sorted(found)
+            found.append(Span(fault.start_s, max(fault.stop_s, fault.start_s + narrow), _SHADED))
+    return sorted(found, key=lambda each: each.start)
 
 
 def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:

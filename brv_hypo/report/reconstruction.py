@@ -62,7 +62,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     """The record as measured; motion and moments with their standard deviations."""
     usable, motion = result.moments.usable, result.motion
     start, stop = float(motion.time[0]), float(motion.time[-1])
-    setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
+    setting = Setting((start, stop), shaded=charts.shaded(result.flight.faults, stop - start, result.flight.gaps_s))
     kept = MotionHistories(**motion_histories(result, np.arange(motion.time.size)))
     plane = result.plane_moments[usable]
     measured = np.stack([plane.real, plane.imag])

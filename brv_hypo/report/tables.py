@@ -55,7 +55,7 @@ _KNOT, _WIDTH = " knot", " onset width"  # how names of derived times end
 RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 PAIRS = "Collinear pairs: correlation (variance inflations)"
-MOST_COLLINEAR = 6  # names of a group in its sentence
+MOST_COLLINEAR, MOST_BESIDE = 6, 4  # names of a group in its sentence; processes beside a hypothesis in its row
 NAME_AND_FAMILY = (
     "`compare` names what its baseline lacks; `trace` divides, by family, the residual of a model whose static slope "
     "follows the Mach number, which may include that moment: both may be right."
@@ -91,7 +91,7 @@ def ranking_table(comparison: result.Comparison) -> Table:
 
 def shown_processes(comparison: result.Comparison) -> list[result.ProcessEstimate]:
     """Those that make more than `LEAST_PROCESS`, largest first; after them those that do not exceed their sigma."""
-    large = [each for each in comparison.verdict.processes if each.share_of_moment > result.LEAST_PROCESS]
+    large = [each for each in comparison.verdict.processes if each.is_shown]
     return sorted(large, key=lambda each: each.size <= each.std_error)
 
 
@@ -125,16 +125,24 @@ def process_blocks(comparison: result.Comparison) -> list[Block]:
     return [table, drifts, Texts(read, bullets=False, shown="page")]
 
 
-def process_texts(comparison: result.Comparison) -> list[Texts]:
-    """What the columns of the processes mean, and which are left out of the table."""
+def process_texts(comparison: result.Comparison) -> list[Block]:
+    """What the columns of the processes mean, which are left out of the table, and what is beside each hypothesis."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
     none = (f"No process ({SLOW}) makes more than {share(result.LEAST_PROCESS)} of the moment.",)
     others = (f"Estimated below {share(result.LEAST_PROCESS)} of the moment: {small}. {KIN}",) if small else ()
+    rows = []
+    for row in comparison.ranking:
+        named = [f"{name} {share(size)}" for name, size in row.process_shares.items()]
+        rest = [f"{len(named) - MOST_BESIDE} more"] * (len(named) > MOST_BESIDE)
+        beside = ", ".join([*named[:MOST_BESIDE], *rest]) or "none"
+        rows.append({"mechanism": hypothesis(row.mechanism), "of moment": beside})
+    heading = f"Processes beside each hypothesis, above their sigma and {share(result.LEAST_PROCESS)}"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),
         Texts(others, bullets=False, shown="verbose"),
+        Table(rows, heading, ("mechanism", "of moment"), shown="verbose"),
     ]
 
 
@@ -377,7 +385,7 @@ def term_table(
                 "unit": term.units,
                 "value": known_to(term.value, term.std_error) + (COLLINEAR_MARK if term.begins in marked else ""),
                 "sigma": number(term.std_error, 2),
-                "F": f_ratio(term.f_ratio),
+                "t²": f_ratio(term.f_ratio),
                 "region, s": NOT_A_NUMBER if machs else interval(term.region_s),
                 "Mach": "–".join(f"{end:.{digits}f}" for end in ends) if len(ends) == 2 else NOT_A_NUMBER,
                 "delay, s": errors.get(term.delay_s or 0.0, number(term.delay_s)),
@@ -440,6 +448,17 @@ def motion_known(known: result.ReconstructionSummary, about: str = "") -> str:
     which = f"about {about}" if about else "of the instruments alone"
     off = f"; its distance from reconstruct's, {angle_known(known.moved_rad)}, included" if about else ""
     return f"motion {which} ({known.method} method), known to {alpha} in alpha, {meridian} in meridian (rms{off})"
+
+
+def gap_table(comparison: result.Comparison) -> Table:
+    """One row for each gap, with the largest, in tolerances, of the errors of the record that it makes."""
+    rows = dict[tuple[str, float], dict[str, str]]()
+    for each in sorted(comparison.record_errors, key=lambda error: abs(error.tolerances)):
+        if found := re.fullmatch(r"gap_turn \w+ (\d+)(?:, flight (\d+))?", each.name):
+            start, stop = comparison.flights[int(found[2] or 1) - 1].gaps_s[int(found[1]) - 1]
+            row = {"gap, s": interval((start, stop)), "error": each.name, "value": each.stated}
+            rows[found[2] or "", start] = row | {"tolerances": f"{each.tolerances:.2f}"}
+    return Table([rows[key] for key in sorted(rows)], "Gaps, each with its largest error", ("error",), shown="verbose")
 
 
 def warning_texts(warnings: Sequence[str]) -> Texts:

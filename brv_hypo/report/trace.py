@@ -53,7 +53,7 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     if kept is None:
         return {}
     span = (result.flight.start_s, result.flight.stop_s)
-    faults = charts.masked(result.record.faults, span[1] - span[0])
+    faults = charts.shaded(result.record.faults, span[1] - span[0], result.flight.gaps_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span), faults)
     measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
     added = [Drawn("before", before, "second"), Drawn("after", after, "first")]
@@ -335,8 +335,8 @@ def prediction_document(result: Prediction) -> Document:
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
         decided=sound and not (result.refused or result.lacks_an_effect),
         blocks=(
-            Table(errors, "Mean square of the moment coefficients", ("moments less",)),
-            Table(regions, "Error with the frozen model over that without a model, by interval of time"),
+            Table(errors, "Mean square of the moment coefficients, over all samples", ("moments less",)),
+            Table(regions, "Error with the frozen model over that without a model, all samples, by interval"),
             band_chart(result),
             term_table("Frozen, as traced", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table(

@@ -194,7 +194,6 @@ class Truth:
     """Every number of the configuration by its dotted path, errors and asymmetries as they were drawn."""
 
     def __repr__(self) -> str:
-        """Short: the arrays are long."""
         return f"<Truth: {', '.join(self.planted) or 'nothing'} planted, {self.time.size} samples>"
 
     @property

@@ -145,7 +145,6 @@ def _lost(record: Record, random: np.random.Generator) -> Record:
 
 
 def _middle(record: Record, random: np.random.Generator) -> int:
-    """A sample away from the ends."""
     return int(random.integers(record.time.size // 5, 4 * record.time.size // 5))
 
 

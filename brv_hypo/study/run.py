@@ -350,9 +350,7 @@ def _on_cluster(call: Callable[[Work], Result], items: Sequence[Work], address: 
 
 
 def _as_worker_of(parent: int) -> None:
-    """A process that, from its first moment, leaves the keyboard to its parent and ends when that has. A parent that
-    was killed could not report it, and one that was killed early gave nothing to do.
-    """
+    """A process that leaves the keyboard to its parent, and ends when that has, killed or not."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:

@@ -356,9 +356,7 @@ def _span_aliases(X: FloatArray, kept: tuple[int, ...], inside: IntArray) -> lis
 def _named(
     X: FloatArray, forced: tuple[int, ...], involved: Sequence[IntArray]
 ) -> tuple[list[Alias], tuple[Refusal, ...]]:
-    """Dependencies of columns of X: combinations where nothing is left of the last, refusals where next to nothing.
-    Where there are fewer rows than columns everything depends on everything, and nothing is named.
-    """
+    """Dependencies of columns of X: combinations, or refusals where something is left; none with too few rows."""
     aliases, refused = [], []
     for columns in involved:
         *others, last = columns.tolist()
@@ -397,9 +395,7 @@ def _combination(
 def _representatives(
     units: FloatArray, free: IntArray, norms: FloatArray, unmergeable: set[int]
 ) -> tuple[IntArray, list[Alias]]:
-    """The first of every class of parallel columns, and the rest as aliases of it. A column that a rule names stands
-    for itself: its twin may be allowed where it is not.
-    """
+    """The first of every class of parallel columns, the rest as its aliases, but those that a rule names."""
     correlation = np.abs(units.T @ units)
     suspects = np.argwhere(np.triu(correlation > 1.0 - 1e-12, k=1))
     merged: dict[int, int] = {}

@@ -330,9 +330,7 @@ class NumpyTree:
         self.open_subtrees.append(OpenSubtree(node.included, undecided, node.bound))
 
     def _quota(self, node: Node, rises: FloatArray) -> int:
-        """Largest number of further columns with which a subset may still beat the board. A subset with t of them
-        leaves out at least one of the t + 1 columns of the largest rise.
-        """
+        """Largest number of further columns with which a subset may still beat the board, by the largest rises."""
         size = len(node.included)
         for t in range(min(self._board.max_size - size, rises.size), 0, -1):
             allowance = self._board.limits[size + t] - node.bound

@@ -268,5 +268,4 @@ def _moved(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
 
 
 def _columns(mechanism: YamlMechanism) -> list[Regressor]:
-    """Columns of an entry's terms throughout."""
     return [Regressor(mechanism.name, t.name, (), ALWAYS, t.units, grouped=True) for t in mechanism.definition]

@@ -67,7 +67,6 @@ class Beside:
 
     @cached_property
     def _known(self) -> dict[tuple[tuple[str, ...], tuple[str, ...] | None], Evidence]:
-        """Evidences that are known."""
         return {}
 
     def evidence(self, names: Sequence[str], families: Sequence[str] | None = None) -> Evidence:
@@ -282,9 +281,7 @@ def _finer(processes: Sequence[_Process]) -> list[_Process]:
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:
-    """Histories (n, k) of one SI unit of components of a record effect, chosen of so many; so is their prior: were it
-    of typical sizes, errors of the record would come before moments that are there.
-    """
+    """Histories (n, k) of one SI unit of a record effect's components, of so many; priors keep them small."""
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_PRIOR), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
 

@@ -225,9 +225,7 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
 
 
 def _definition(fit: Fit, whole: Fit, covariance: FloatArray, of_processes: FloatArray) -> SavedModel:
-    """The model, fitted to the whole record, as its file, with what is known of it where it was found. `covariance`
-    (columns, columns) is that of its coefficients with the part `of_processes`.
-    """
+    """The model as its file has it; `covariance` (columns, columns) includes the part `of_processes`."""
     (columns, values, _), flights = whole.coefficients, fit.data.source.records
     # Small angles of attack, where its moment is nothing, it knows as well as those that it was found at.
     mach, alpha = (np.concatenate([getattr(m, name) for m in fit.data.frame.motions]) for name in ("mach", "alpha"))

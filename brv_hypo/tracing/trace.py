@@ -126,7 +126,6 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
 
 
 def _start(source: Flights) -> Fit:
-    """The model that the trace starts from."""
     flights, start, baseline = source.records, source.config.start, source.config.baseline
     if not isinstance(start, str):
         return converged(source, restored(start, flights))
@@ -222,9 +221,7 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _confirmed(steps: Sequence[Step], beside: Beside, impossible: Excess | None = None) -> list[Step]:
-    """The steps, their findings hints where processes beside the final model explain the flight as well or more, or
-    where the final model has an `impossible` value of them.
-    """
+    """The steps, with hints for findings that processes explain as well, or that have an `impossible` value."""
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
 

@@ -23,7 +23,7 @@ class Aerodynamic(Mechanism):
 class Magnus(Aerodynamic):
     """C_Z' += C_npalpha (p d / 2V) alpha; nothing in plane."""
 
-    name, title = "magnus", "Magnus moment"
+    name, title, stated_family = "magnus", "Magnus moment", "side"
     claims = "an out-of-plane moment proportional to roll rate and angle of attack"
     source = "Vaughn and Reis, AIAA J. 13:872, 1975; standard spinning-body aerodynamics"
 
@@ -36,7 +36,7 @@ class Magnus(Aerodynamic):
 class CubicStiffness(Aerodynamic):
     """C_N' += C_malpha3 alpha^3: the first power after the linear one that symmetry allows."""
 
-    name, title = "cubic_stiffness", "cubic static moment"
+    name, title, stated_family = "cubic_stiffness", "cubic static moment", "stiffness"
     claims = "a static in-plane moment that stiffens or softens with the cube of the angle of attack"
     source = "Murphy, Free Flight Motion of Symmetric Missiles, BRL Report 1216, 1963"
     wind_fixed = True
@@ -56,7 +56,7 @@ class AftbodyLag(Aerodynamic):
     beside a stable C_mq the amplitude tends to a limit cycle, as that of capsules does at Mach 1.5 to 3.
     """
 
-    name, title = "aftbody_lag", "lagged aftbody moment"
+    name, title, stated_family = "aftbody_lag", "lagged aftbody moment", "rate"
     claims = "an aftbody moment that follows alpha late: damping that is lost at small angles"
     source = "Schoenenberger and Queen, RTO-MP-AVT-152, 2008; Kazemba, time-lagged aftbody moments, Georgia Tech 2012"
 
@@ -117,7 +117,7 @@ class SimilarDamping(Similar):
 class MachStiffness(SimilarStiffness):
     """C_N' += alpha sum_k c_k (Mach / 10)^k, k to `degree`."""
 
-    name, title = "mach_stiffness", "static moment that changes with Mach number"
+    name, title, stated_family = "mach_stiffness", "static moment that changes with Mach number", "stiffness"
     claims = "a slope of the in-plane moment that follows the Mach number"
     parameter, follows = "(Mach/10)", "mach"
     degree: int = 3
@@ -126,7 +126,7 @@ class MachStiffness(SimilarStiffness):
 class ReynoldsStiffness(SimilarStiffness):
     """C_N' += alpha sum_k c_k log10(Re / 1e6)^k, k to `degree`."""
 
-    name, title = "reynolds_stiffness", "static moment that changes with Reynolds number"
+    name, title, stated_family = "reynolds_stiffness", "static moment that changes with Reynolds number", "stiffness"
     claims = "a slope of the in-plane moment that follows the logarithm of the Reynolds number"
     parameter, follows = "log10(Re/1e6)", "reynolds"
     degree: int = 2
@@ -135,7 +135,7 @@ class ReynoldsStiffness(SimilarStiffness):
 class MachDamping(SimilarDamping):
     """C_m + i C_n += c (Mach / 10) (q + i r) d / 2V."""
 
-    name, title = "mach_damping", "pitch damping that changes with Mach number"
+    name, title, stated_family = "mach_damping", "pitch damping that changes with Mach number", "rate"
     claims = "a moment against the transverse rates whose coefficient follows the Mach number"
     parameter = "Mach/10"
 
@@ -143,7 +143,7 @@ class MachDamping(SimilarDamping):
 class ReynoldsDamping(SimilarDamping):
     """C_m + i C_n += c log10(Re / 1e6) (q + i r) d / 2V."""
 
-    name, title = "reynolds_damping", "pitch damping that changes with Reynolds number"
+    name, title, stated_family = "reynolds_damping", "pitch damping that changes with Reynolds number", "rate"
     claims = "a moment against the transverse rates that follows the log of the Reynolds number"
     parameter = "log10(Re/1e6)"
 
@@ -153,7 +153,7 @@ class StiffnessAsymmetry(Aerodynamic):
     axes d alpha (cos 2 phi_w, sin 2 phi_w). The second term has its axes at 45 deg.
     """
 
-    name, title = "stiffness_asymmetry", "unequal pitch and yaw stiffness"
+    name, title, stated_family = "stiffness_asymmetry", "unequal pitch and yaw stiffness", "harmonic"
     claims = "a moment proportional to alpha that turns in plane axes at twice the windward meridian"
     source = "Nicolaides, On the Free Flight Motion of Missiles Having Slight Asymmetries, BRL 858, 1953"
     terms_enter_together = True
@@ -170,7 +170,7 @@ class Trim(Aerodynamic):
     the vehicle: the moment follows its coefficient, where the motion tells it.
     """
 
-    name, title = "trim", "constant body-fixed moment"
+    name, title, stated_family = "trim", "constant body-fixed moment", "body"
     claims = "a moment coefficient that is constant in body axes: trim asymmetry, or a c.g. off the axis"
     source = "Nicolaides, BRL Report 858, 1953"
     terms_enter_together = True
@@ -201,7 +201,7 @@ class DynamicImbalance(Aerodynamic):
     goes with alpha.
     """
 
-    name, title = "dynamic_imbalance", "dynamic imbalance (product of inertia)"
+    name, title, stated_family = "dynamic_imbalance", "dynamic imbalance (product of inertia)", "body"
     claims = "a body-fixed torque proportional to roll rate squared: so the coefficient to p^2 / q_inf"
     source = "Euler's equations with products of inertia; Vaughn, SC-R-68-1803, 1968"
     terms_enter_together = True

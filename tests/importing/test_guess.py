@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.plausibility import gyro_fault
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
@@ -336,3 +337,18 @@ def test_speed_is_derived_from_a_climb_alone(tmp_path: Path, falls: bool) -> Non
     assert ("no column was found for velocity, and the altitude of no climb" in " ".join(bare.unsure)) is falls
     whole = guess_map(write_csv(tmp_path / "whole.csv", columns | {"VT_mps": 8000.0 - time}))
     assert channels_of(whole.text)["velocity"] == {"column": "VT_mps", "units": "m/s"}
+
+
+@pytest.mark.parametrize(("wrong", "named"), [("", []), ("q", ["q"]), ("r", ["r"]), ("pqr", ["p, q, r"])])
+def test_units_of_one_gyro_are_not_blamed_on_all(wrong: str, named: list[str]) -> None:
+    """One in rad/s that was taken for deg/s was silent, or all three were named."""
+    for seed in (1, 3, 5):
+        log = rockets.fly(seed)
+        size = np.array([[DEGREE if name in wrong else 1.0] for name in "pqr"])
+        assert [fault.channel for fault in gyro_fault(log.time, size * log.rates, log.forces)] == named
+
+
+def test_units_of_the_roll_gyro_are_named_beside_what_is_as_likely() -> None:
+    log = rockets.fly(1)
+    (fault,) = gyro_fault(log.time, np.array([[DEGREE], [1.0], [1.0]]) * log.rates, log.forces)
+    assert "or p were in rad/s, read as deg/s" in fault.action

@@ -204,7 +204,11 @@ def test_what_a_model_was_estimated_from_counts_in_no_test(traced: Trace) -> Non
     assert found.of_own == pytest.approx(part.samples / flight.samples)
     assert found.flown < 1.0 - found.of_own + 0.01
     assert "of this very record, which is not counted" in found.reason
-    assert "the rest is extrapolation" in found.outcome
+    assert found.outcome.endswith(f"(tested on {100.0 * found.flown:.0f} % of the samples)")
+    assert (
+        f"On the {100.0 * found.flown:.0f} % of the samples where the model is known, the frozen model" in found.reason
+    )
+    assert "lie elsewhere" not in found.reason
 
 
 def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
@@ -375,7 +379,8 @@ def test_a_model_that_does_not_hold_is_reported_with_what_may_help(
     for column in wrong["columns"]:
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
-    assert "The frozen model does not hold here: its error is" in said
+    assert said.startswith("This flight contradicts the model")
+    assert "the frozen model does not hold here: its error is" in said.lower()
     assert "`--refit trim,instruments` lets this flight have its own" in said
     assert "--refit" not in predicted.reason
 
@@ -454,6 +459,8 @@ def test_the_model_may_be_what_trace_returned_or_its_part_and_what_is_refitted_o
 ) -> None:
     found = predict(sister, traced.model, "trim")
     assert (found.ratio, found.refitted) == (predicted.ratio, predicted.refitted)
+    with pytest.raises(UsageError, match=r"'refits' is not a known key .is 'refit' meant"):
+        predict(sister, traced, refits=["trim"])  # type: ignore[call-arg]
     with pytest.raises(UsageError, match="got int for a model"):
         predict(sister, 3)  # type: ignore[arg-type]
 

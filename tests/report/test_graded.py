@@ -43,6 +43,7 @@ from brv_hypo.report.tables import (
     RISING,
     estimate_blocks,
     flight_texts,
+    gap_table,
     knot_table,
     limit_blocks,
     ranking_table,
@@ -281,7 +282,43 @@ class TestPython:
 
     def test_a_leader_that_is_not_named_explains_its_share_all_the_same(self) -> None:
         assert "explains" not in graded(None).headline()
-        assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}\n{ADEQUACY_AND_STABILITY}"
+        stable = ADEQUACY_AND_STABILITY.replace("give the same answer", "find none adequate either")
+        assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}\n{stable}"
+
+    def test_gaps_are_part_of_the_answer_and_of_the_quality_of_the_data(self) -> None:
+        found = graded()
+        flight = found.flights[0].model_copy(update={"start_s": 0.0, "stop_s": 6.0, "gaps_s": ((1.0, 1.2), (3.0, 3.4))})
+        errors = [
+            RecordError(name=name, value=value, std_error=0.1, units="rad", tolerance=1.0)
+            for name, value in (("gap_turn x 1", 0.5), ("gap_turn y 2", 0.2), ("gap_turn z 2", -0.9))
+        ]
+        cut = found.model_copy(update={"flights": (flight,), "record_errors": tuple(errors)})
+        said = "2 gaps, 0.6 s or 10 % in all, the longest 0.4 s from 3 s: errors include what the vehicle may have done"
+        assert said in cut.conclusion()
+        assert "dated to within" not in cut.conclusion()
+        assert [list(row.values()) for row in gap_table(cut).rows] == [
+            ["1.00–1.20", "gap_turn x 1", "0.5 rad", "0.50"],
+            ["3.00–3.40", "gap_turn z 2", "-0.9 rad", "-0.90"],
+        ]
+        assert "gap" not in found.conclusion()
+
+    def test_a_change_in_a_gap_is_said_to_be_dated_to_within_it(self) -> None:
+        found = compared_sticking()
+        flight = found.flights[0].model_copy(update={"gaps_s": ((0.95, 1.05),)})
+        assert (
+            "a change of the leader is dated to within one"
+            in found.model_copy(update={"flights": (flight,)}).conclusion()
+        )
+
+    def test_processes_beside_every_hypothesis_are_listed(self) -> None:
+        """Those that make up for a mechanism which is not in the hypothesis are large."""
+        found = compared_sticking()
+        leader, baseline = found.ranking
+        shown = {e.name: e.share_of_moment for e in found.verdict.processes if e.is_shown and e.size > e.std_error}
+        assert leader.process_shares == shown
+        assert max(baseline.process_shares.values()) > 10.0 * max(shown.values(), default=0.0)
+        listed = printed(found, verbose=True).partition("Processes beside each hypothesis")[2]
+        assert next(iter(baseline.process_shares)) in listed
 
     def test_processes_and_noise_are_listed_separately_where_they_are_known(self) -> None:
         known = EXPLAINED.model_copy(update={"processes": 0.13 - 3e-5, "noise": 3e-5})

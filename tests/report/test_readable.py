@@ -13,7 +13,7 @@ import pytest
 
 from brv_hypo.flight.record import RecordFault, RecordTrial
 from brv_hypo.report.comparison import comparison_document
-from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Span, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
 from brv_hypo.report.html import page, plotly_chart, resource
 from brv_hypo.report.motion_charts import (
@@ -21,13 +21,13 @@ from brv_hypo.report.motion_charts import (
     Setting,
     attitude_chart,
     knots_of,
-    masked,
     moment_by_alpha_chart,
     moment_chart,
+    shaded,
     whiteness_charts,
 )
 from brv_hypo.report.trace import trace_document
-from tests.chains import compared_nominal, histories, traced_trim
+from tests.chains import compared_nominal, compared_sticking, histories, traced_trim
 
 TIME = np.linspace(0.0, 5.0, 200)
 WAVE = np.sin(TIME) / 1e3
@@ -132,7 +132,7 @@ def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
         RecordFault(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
         RecordFault(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
     ]
-    assert masked(faults, 5.0) == [(1.0, 2.0, "masked or replaced")]
+    assert shaded(faults, 5.0, [(3.0, 3.5)]) == [Span(1.0, 2.0, "masked or replaced"), Span(3.0, 3.5, "gap")]
 
 
 def test_numbers_of_an_axis_have_an_exponent_where_they_need_one() -> None:
@@ -291,3 +291,19 @@ def test_coefficients_of_one_and_more_are_not_drawn_in_thousandths(times, factor
         for panel in drawn.panels:
             assert panel.title.endswith(f"</sub>{suffix}")
             np.testing.assert_allclose(panel.layers[-1].y, factor * large)
+
+
+def test_when_the_leader_acts_is_shaded_and_what_is_unexplained_without_it_can_be_shown() -> None:
+    found = compared_sticking()
+    charts = {chart.name: chart for chart in comparison_document(found).charts}
+    (acts,) = charts["overview"].spans
+    assert (acts.name, acts.role) == ("sticking acts", "first")
+    assert (acts.start, acts.stop) == pytest.approx((1.0, 2.5), abs=0.05)
+    assert charts["moments"].spans == charts["residuals"].spans == [acts]
+    assert not charts["motion"].spans
+    layers = {layer.name: layer for layer in charts["residuals"].panels[1].layers}  # out of plane
+    without, leader = layers["without sticking"], layers["sticking"]
+    assert without.hidden
+    assert np.nanstd(without.y) > 10.0 * np.nanstd(leader.y)
+    fills = {shape.get("fillcolor") for shape in plotly_chart(charts["overview"])["layout"]["shapes"]}
+    assert fills == {None, "--first-band"}

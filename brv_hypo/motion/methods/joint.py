@@ -259,7 +259,6 @@ class RandomWalkSmoother:
         return nominal.with_offset((walk + nominal.across(drift[:, :, np.newaxis])[:, 0]) / self.speed)
 
     def _moved(self, measurements: Measurements, point: _Point, solution: WalkSolution) -> _Point:
-        """Where a step leads."""
         theta, ends = solution.theta, np.cumsum([values.size for values in point.coefficients])[:-1]
         steps = np.split(theta[self.shared :], ends)
         coefficients = tuple(old + new for old, new in zip(point.coefficients, steps, strict=True))
@@ -302,7 +301,6 @@ class RandomWalkSmoother:
         return cost
 
     def _linear(self, measurements: Measurements, point: _Point, drift: Columns) -> WalkEquations:
-        """The linear problem about a point."""
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
         xi, walk, found = point.crossflow, point.walk, list[LinearMeasurement]()
 
@@ -464,9 +462,7 @@ def _with_force(
 
 
 def _wander(problem: RandomWalkSmoother, fit: SmoothedMotion, sigma: FloatArray) -> float:
-    """How far the crossflow, rms of a component, is from where it would be if what the force has beyond its noise
-    (n,) were wander of the velocity, as by gusts, and no noise: one of the two it is.
-    """
+    """Rms of a component of the crossflow if what the force has beyond noise (n,) were wander of the velocity."""
     used, other, times = np.isfinite(fit.measurements[0].sigma), fit, 1.0
     measurement = replace(fit.measurements[0], sigma=np.where(used, sigma, np.inf))
     while _misfit(other.residual[used], sigma[used]) > WANDERS and times < WANDER_MOST:
