@@ -24,8 +24,8 @@ KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 OF_KINDS = (
     "`compare` takes kind mechanism, with `--mechanisms installed` those of other packages too; kind aerodynamic "
-    "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance. By shape: the "
-    "family of the processes whose shapes make most of the moment on a flight."
+    "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance. By shape: by "
+    "what makes most of the moment on a flight."
 )
 
 
@@ -102,7 +102,8 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     rows = []
     for name, entry in found.items():
         item = entry.item
-        lines = [f"{_family(item) or 'by shape'}: {item.title if isinstance(item, Process) else item.claims}"]
+        family = f"{_family(item) or 'by shape'}: " if isinstance(item, Mechanism | Process) else ""
+        lines = [family + (item.title if isinstance(item, Process) else item.claims)]
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:

@@ -137,7 +137,7 @@ def process_texts(comparison: result.Comparison) -> list[Block]:
         rest = [f"{len(named) - MOST_BESIDE} more"] * (len(named) > MOST_BESIDE)
         beside = ", ".join([*named[:MOST_BESIDE], *rest]) or "none"
         rows.append({"mechanism": hypothesis(row.mechanism), "of moment": beside})
-    heading = f"Processes beside each hypothesis, above their sigma and {share(result.LEAST_PROCESS)}"
+    heading = "Processes above their sigma beside each hypothesis (beyond 100 % they cancel)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),

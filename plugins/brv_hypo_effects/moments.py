@@ -37,7 +37,7 @@ class CubicStiffness(Aerodynamic):
     """C_N' += C_malpha3 alpha^3: the first power after the linear one that symmetry allows."""
 
     name, title, stated_family = "cubic_stiffness", "cubic static moment", "stiffness"
-    claims = "a static in-plane moment that stiffens or softens with the cube of the angle of attack"
+    claims = "a static in-plane moment by the cube of alpha: stiffer, or softer"
     source = "Murphy, Free Flight Motion of Symmetric Missiles, BRL Report 1216, 1963"
     wind_fixed = True
 
@@ -127,7 +127,7 @@ class ReynoldsStiffness(SimilarStiffness):
     """C_N' += alpha sum_k c_k log10(Re / 1e6)^k, k to `degree`."""
 
     name, title, stated_family = "reynolds_stiffness", "static moment that changes with Reynolds number", "stiffness"
-    claims = "a slope of the in-plane moment that follows the logarithm of the Reynolds number"
+    claims = "a slope of the in-plane moment that follows the log of the Reynolds number"
     parameter, follows = "log10(Re/1e6)", "reynolds"
     degree: int = 2
 
@@ -154,7 +154,7 @@ class StiffnessAsymmetry(Aerodynamic):
     """
 
     name, title, stated_family = "stiffness_asymmetry", "unequal pitch and yaw stiffness", "harmonic"
-    claims = "a moment proportional to alpha that turns in plane axes at twice the windward meridian"
+    claims = "a moment by alpha that turns in plane axes at twice the meridian"
     source = "Nicolaides, On the Free Flight Motion of Missiles Having Slight Asymmetries, BRL 858, 1953"
     terms_enter_together = True
 
@@ -171,7 +171,7 @@ class Trim(Aerodynamic):
     """
 
     name, title, stated_family = "trim", "constant body-fixed moment", "body"
-    claims = "a moment coefficient that is constant in body axes: trim asymmetry, or a c.g. off the axis"
+    claims = "a moment that is constant in body axes: asymmetry, or a c.g. off the axis"
     source = "Nicolaides, BRL Report 858, 1953"
     terms_enter_together = True
 
@@ -202,7 +202,7 @@ class DynamicImbalance(Aerodynamic):
     """
 
     name, title, stated_family = "dynamic_imbalance", "dynamic imbalance (product of inertia)", "body"
-    claims = "a body-fixed torque proportional to roll rate squared: so the coefficient to p^2 / q_inf"
+    claims = "a body-fixed torque by roll rate squared: its coefficient by p^2 / q_inf"
     source = "Euler's equations with products of inertia; Vaughn, SC-R-68-1803, 1968"
     terms_enter_together = True
 

@@ -113,7 +113,7 @@ class AccelScale(Triad):
     """A scale error of each accelerometer."""
 
     name, title, family = "accel_scale", "scale error of the accelerometers", "accelerometers"
-    claims = "an accelerometer reads a constant factor too much"
+    claims = "an accelerometer reads a factor too much"
     prefix = "a"
     units = "1"
 

@@ -19,7 +19,7 @@ class Sticking(Mechanism):
     """
 
     name, title = "sticking", "flow sticking for a discrete delay"
-    claims = "a fraction of the wind-fixed flow stays at the meridian that it had a fixed time ago"
+    claims = "a fraction of the wind-fixed flow stays at the meridian of a fixed time ago"
     source = "report, Eq. 5.1, Tables 5.7 and 5.8"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"eps": (0.0, 1.0)}
 

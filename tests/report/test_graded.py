@@ -317,7 +317,7 @@ class TestPython:
         shown = {e.name: e.share_of_moment for e in found.verdict.processes if e.is_shown and e.size > e.std_error}
         assert leader.process_shares == shown
         assert max(baseline.process_shares.values()) > 10.0 * max(shown.values(), default=0.0)
-        listed = printed(found, verbose=True).partition("Processes beside each hypothesis")[2]
+        listed = printed(found, verbose=True).partition("Processes above their sigma beside each hypothesis")[2]
         assert next(iter(baseline.process_shares)) in listed
 
     def test_processes_and_noise_are_listed_separately_where_they_are_known(self) -> None:
