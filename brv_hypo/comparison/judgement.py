@@ -65,7 +65,6 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
-RELINEARISED = 0.5  # of the lack of fit about a fit without processes, below which that beside them is a better point
 _SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 _AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
@@ -114,11 +113,6 @@ class Judged:
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
         return self.evidences[self.leader].noise * self.rows.noise_ratio
-
-    @property
-    def lack_of_fit(self) -> float:
-        """The mean square of that beyond the noise's."""
-        return max(self.misfit**2 - 1.0, 0.0)
 
     @cached_property
     def squares(self) -> float:
@@ -169,21 +163,16 @@ class Searched:
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
         """Hypotheses linear about one. Where another leads there, or its residual is more than noise, the record is
-        linearised about that beside its processes once more; that is kept where it leaves half the lack of fit or
-        hardly any, or of another leader not more: a motion that hardly fits better makes up for what the model lacks,
-        and the leader may explain what it does there.
+        linearised about that beside its processes once more; the likelier of both is kept.
         """
         first = self._about(self.problem, point, fits)
         leader = likeliest(first.fits)
-        same = leader.name == point.name
-        if same and first.misfit < 1.0 + NOISE_LEVEL[1]:
+        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1]:
             return first
         second = self._about(first.problem, leader, first.fits, _point_beside(first))
-        if not same:
-            return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
-        if second.misfit < first.misfit and second.lack_of_fit < max(RELINEARISED * first.lack_of_fit, 1.0):
+        if second.absolute > first.absolute:
             return second
-        return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == leader.name else first
+        return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == point.name else first
 
     def _about(
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None

@@ -46,6 +46,7 @@ DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows
 BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
+ARM_OFF = 0.002  # m, 1-sigma of the place of the accelerometers (tactical)
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
 COAST_ROUNDS, COAST_PARTS = 5, ((0.0, 0.5), (0.25, 0.75), (0.5, 1.0), (0.0, 1.0))  # parts of a coast; the last is all
 COAST_UNEXPLAINED = 0.1  # share of the transverse force that need not follow from the rates
@@ -185,7 +186,7 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
     if size < LEAST_TURNED:
         return None
     nose = np.asarray(turned / (-size if turned @ forces.sum(axis=1) > 0.0 else size))  # drag points backward
-    tilts = np.zeros((len(COAST_PARTS), 2))
+    tilts, steps = np.zeros((len(COAST_PARTS), 2)), [np.inf]
     for _ in range(COAST_ROUNDS):
         matrix = Tilt(nose, 0.0).matrix
         omega = matrix @ rates
@@ -204,13 +205,17 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
                 for each, weight in ((omega, scale), (force, omega[0]))
             )
             tilts[k] = (times * spun - dragged) / (times - 1.0)
+        # The whole is twice as long as its parts, and its error half of theirs. Where spin and drag lean nearly alike,
+        # their difference magnifies the error of each.
+        apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
+        lean = np.hypot(SPIN_OFF, ARM_OFF * float(np.mean(omega[0] ** 2)) / abs(float(np.mean(force[0]))))
+        sigma = float(np.hypot(apart, np.hypot(times * SPIN_OFF, lean) / abs(times - 1.0)))
+        steps.append(float(np.linalg.norm(tilts[-1])))
+        if steps[-1] < sigma or steps[-1] > steps[-2]:
+            break
         nose = np.asarray(matrix.T @ np.array([1.0, *tilts[-1]]))
         nose /= np.linalg.norm(nose)
-    # The whole is twice as long as its parts, and its error half of theirs.
-    apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
-    # Spin and drag each err by that much; where both lean nearly alike, their difference magnifies it.
-    magnified = float(np.hypot(times, 1.0)) / abs(times - 1.0)
-    return Tilt(nose, float(np.hypot(apart, magnified * SPIN_OFF)), "mean spin and drag")
+    return Tilt(nose, sigma if steps[-1] < sigma else sigma + steps[-1], "mean spin and drag")  # else not converged
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----

@@ -17,7 +17,7 @@ from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.registry import moment_processes
 
-_RIDGE = 1e-10  # of the columns' unit length: keeps the normal equations of fewer rows regular
+_RIDGE = 1e-12  # of the columns' unit length, beyond rounding: keeps the normal equations of fewer rows regular
 
 
 def jackknife_error(left_out: FloatArray) -> float:

@@ -5,7 +5,8 @@ By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --fligh
 Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all`: every kind at half of its ordinary
 size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
 has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform. `--gap 0.03`: that share of each
-record is lost, in one piece that begins between a fifth and four fifths of it.
+record is lost, in one piece that begins between a fifth and four fifths of it. `--drawn`: vehicles that no one has
+designed (`drawn_vehicles`) in place of the four.
 Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
 value of the mechanism, its delay and the knot nearest to one of its edges, against what was planted. `--likelihood`
 counts those of maximum likelihood too, of a mechanism that begins at once.
@@ -28,13 +29,14 @@ from brv_hypo.comparison.result import DerivedEstimate, MaximumLikelihood
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.format import assemble, unassemble
 from tests.studies.identification.study import NORMAL_95
+from tests.studies.independent.drawn_vehicles import draw_craft
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED, Planted
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.study import share_of
-from tests.studies.independent.vehicles import CRAFTS
+from tests.studies.independent.vehicles import CRAFTS, Craft
 
 AMPLITUDE = (0.3, 1.0)  # of a mechanism's full size
 SMALLEST = 0.03  # of it, in the world of tolerances
@@ -43,7 +45,7 @@ BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)  # of probabilities, for the calibr
 EMPTY_EVERY = 3  # flights, of which one has nothing planted
 HALF = 0.5  # of the ordinary size, where all kinds come together
 GAPS = (0.2, 0.8)  # of the record, between which a gap begins
-_STREAM, _GAP = 7, 8
+_STREAM, _GAP, _VEHICLE = 7, 8, 77
 
 
 @dataclass(frozen=True)
@@ -71,14 +73,18 @@ class Outcome:
     """How that ended; empty where it was not requested."""
 
 
-def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) -> tuple[Made, str, float]:
+def drawn_flight(
+    seed: int, number: int, grade: str, world: str, unit: int = 0, drawn: bool = False
+) -> tuple[Made, str, float]:
     """The flight of this number, the kind of its imperfection, and the mechanism's part of its full size; the record is
-    that of an inertial unit aboard.
+    that of an inertial unit aboard, the vehicle one of four or `drawn`.
 
     Raises RuntimeError where none can be flown.
     """
     rng = np.random.default_rng([seed, _STREAM])
-    vehicle = str(rng.choice(sorted(CRAFTS)))
+    vehicle: str | Craft = str(rng.choice(sorted(CRAFTS)))
+    if drawn:
+        vehicle = draw_craft(np.random.default_rng([seed, _VEHICLE]))
     truth, amplitude = str(rng.choice(LISTED)), float(rng.uniform(*AMPLITUDE))
     if world == "tolerances":
         amplitude = float(np.exp(rng.uniform(np.log(SMALLEST), 0.0)))
@@ -102,10 +108,12 @@ def with_gap(made: Made, seed: int, share: float) -> Made:
     return replace(made, flight=flight, true=true)
 
 
-def fly(seed: int, number: int, grade: str, world: str, likelihood: bool = False, gap: float = 0.0) -> Outcome | str:
+def fly(
+    seed: int, number: int, grade: str, world: str, likelihood: bool = False, drawn: bool = False, gap: float = 0.0
+) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
-        made, kind, amplitude = drawn_flight(seed, number, grade, world)
+        made, kind, amplitude = drawn_flight(seed, number, grade, world, drawn=drawn)
         made = with_gap(made, seed, gap) if gap else made
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
@@ -284,8 +292,8 @@ def command_line(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments, ("likelihood",), ("gap",))
-    options = given.grade, given.world, given.likelihood, given.gap
+    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments, ("likelihood", "drawn"), ("gap",))
+    options = given.grade, given.world, given.likelihood, given.drawn, given.gap
     runs = (delayed(fly)(given.seed + k, k, *options) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
