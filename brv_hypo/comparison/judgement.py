@@ -19,7 +19,7 @@ from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Settings, aligned, linearised_about, shared_problem
-from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
+from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
     WIDENED,
@@ -67,7 +67,6 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE,
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 _SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
-_AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 
 Say = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
@@ -452,4 +451,4 @@ def acts_since(fit: HypothesisFit, starts: Sequence[float]) -> str:
     known = fit.frame.coefficient_time
     first, last = float(known.min()), float(known.max())
     left_out = last - edge if when == "until" else edge - first
-    return "" if left_out < _AT_ITS_ENDS * (last - first) else f" {when} {at(fit.frame.common, edge)}"
+    return "" if left_out < AT_ITS_ENDS * (last - first) else f" {when} {at(fit.frame.common, edge)}"

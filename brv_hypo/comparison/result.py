@@ -139,7 +139,12 @@ class RankedHypothesis(NullIsNaN):
     def size(self) -> str:
         """The rms moment over that of the record, in a sentence; empty where it is not known."""
         share = estimated(100.0 * self.share_of_moment, 100.0 * self.share_std_error)
-        return "" if np.isnan(self.share_of_moment) else f"Its rms moment is {share} % of the record's."
+        if np.isnan(self.share_of_moment):
+            return ""
+        whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
+        high = 100.0 * self.share_of_moment * np.sqrt(whole / acts) if acts else np.nan
+        then = f", {number(high, 2)} % while it acts" if acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        return f"Its rms moment is {share} % of the record's{then} (±: 1 sigma)."
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
@@ -199,6 +204,7 @@ class Explained(NullIsNaN):
     noise: float = Field(description="noise and lack of fit")
 
 
+AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 
 
@@ -514,10 +520,13 @@ class Comparison(HasCharts, Result):
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
             return f"{best} acts from Mach {machs}, on each flight at its own times.{size}"
-        if ends == (leader.intervals[0].start_s, leader.intervals[-1].stop_s):
+        first, last = leader.intervals[0].start_s, leader.intervals[-1].stop_s
+        begins, ended = ends[0] - first < AT_ITS_ENDS * (last - first), last - ends[1] < AT_ITS_ENDS * (last - first)
+        if begins and ended:
             return f"{best} acts throughout the record.{size}"
+        beyond = ", and perhaps before" * begins + ", and perhaps after" * ended  # what is at an end is no event
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
-        return f"{best} acts from {times(*ends)}{known}.{size}"
+        return f"{best} acts from {times(*ends)}{known}{beyond}.{size}"
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, by rank, and last `other`, which has a probability alone.

@@ -219,7 +219,7 @@ def test_squares_are_those_of_the_baselines_own_fit() -> None:
 
 
 def processes_by_name(found: Judged) -> dict[str, ProcessEstimate]:
-    each = processes(found)
+    each = processes(found.evidences[found.leader])
     assert [one.share_of_moment for one in each] == sorted((one.share_of_moment for one in each), reverse=True)
     return {one.name: one for one in each}
 
@@ -271,7 +271,7 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_explains_it() -> N
     """Either what it is or the stiffness that changes as it does."""
     found = in_other_air()
     assert found.leader == found.null
-    largest = processes(found)[0]
+    largest = processes(found.evidences[found.leader])[0]
     assert largest.name in ("density_change", "static_change")
     assert largest.share_of_moment == pytest.approx(PROFILE / np.sqrt(2.0), rel=0.5)
     assert largest.size > 2.0 * largest.tolerance
@@ -283,7 +283,8 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_explains_it() -> N
     reason="the force model takes its slope from the reconstruction, which has followed the density already",
 )
 def test_the_process_of_density_explains_most_of_air_of_another_density() -> None:
-    assert processes(in_other_air())[0].name == "density_change"
+    found = in_other_air()
+    assert processes(found.evidences[found.leader])[0].name == "density_change"
 
 
 @pytest.mark.parametrize(
