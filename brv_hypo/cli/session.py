@@ -97,8 +97,7 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 class Signalled(KeyboardInterrupt):
     """A signal, as what unwinds the command. Not KeyboardInterrupt itself: one that passes through `exec` of a text, by
-    which a dataclass is made for instance, leaves a mark in CPython, and the process then dies of SIGINT whatever code
-    it ends with.
+    which a dataclass is made for instance, makes the process die of SIGINT whatever its code.
     """
 
 

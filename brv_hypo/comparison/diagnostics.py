@@ -285,9 +285,8 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
 
 
 class _AsJudged(NamedTuple):
-    """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m
-    + i C_n (frame rows,), that, what its mechanisms make, without and with processes, and what it does not explain
-    without processes.
+    """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m +
+    i C_n (frame rows,), that, what its mechanisms make, without and with processes, and the first without processes.
     """
 
     rest: Histories

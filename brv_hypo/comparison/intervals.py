@@ -158,8 +158,7 @@ class Excess:
 
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     """The net value farthest outside its mechanism's bounds; None where all lie within them. Beyond a bound of 0 the
-    error is that with delays where they are: a delay may make up for how much there is of something, and not for its
-    sign.
+    error is that with delays where they are: a delay may make up for a size, not for a sign.
     """
     bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
     if not any(bounds.values()):

@@ -304,9 +304,8 @@ def acting_in(fit: HypothesisFit) -> set[str]:
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
-    """The fit as its evidence has it: a nat counts as `weight` in errors, by its own share of what it and processes
-    make; `level` is weighed, by the leader's. What pressure and inertia are known to (`scale_variance`) cancels in a
-    fraction of the static moment.
+    """The fit as its evidence has it: a nat counts as `weight` in errors, by its own share; `level` is weighed, by the
+    leader's. What pressure and inertia are known to (`scale_variance`) cancels in its fractions.
     """
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
@@ -326,8 +325,7 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
 def explained(judged: Judged) -> Explained:
     """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual. The
     rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and Stein,
-    Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; with that about another
-    motion where the record has two.
+    Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; and of two motions.
     """
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes

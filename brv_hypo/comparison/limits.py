@@ -66,8 +66,7 @@ def limits(
 ) -> tuple[MechanismLimit, ...]:
     """The share of the rms of the measured moment that each hypothesis may have at 95 %; a joined one that does not
     lead has that of its largest. The leader, and each of its mechanisms: as fitted, with its margin; another: beside
-    the leader. A nat counts as `weight`. Of one that may be far larger than the moment, the record says nothing: the
-    limit is withheld (NaN).
+    the leader. A nat counts as `weight`. One far larger than the moment is withheld (NaN).
     """
     frame, moment = evidence.rows.frame_of(leader), evidence.rows.measured_moment
     own, whole_record = {mechanism.name for mechanism in leader.mechanisms}, np.ptp(frame.coefficient_time)
@@ -136,9 +135,8 @@ def fitted_size(
 ) -> tuple[float, float, float]:
     """The rms moment that what was fitted of some mechanisms has, its standard error, and what it has at most.
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are, so that their linear covariance counts, no less than the moment
-    scatters over stretches of time; of a knot that is not surely placed as far as its interval reaches. A nat counts as
-    `weight`.
+    lag do, the moment is known better than they are, so that their linear covariance counts, at least as the moment
+    scatters over stretches of time; of a knot as far as its interval reaches. `weight`: of a nat.
     """
     frame, covariance = evidence.rows.frame_of(fit), evidence.covariance / weight
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
@@ -181,8 +179,7 @@ def _coefficients(
     shapes: Sequence[Shape], rooms: Sequence[float], frame: RateFrame, mechanism: Mechanism
 ) -> dict[str, float]:
     """By term the largest size of its coefficient within the `rooms` of the shapes. Over those that last `LIMIT_PART`
-    of the record at least, and not all of it, as baseline and trim do; empty of a mechanism with a delay, on which its
-    coefficients hang.
+    of the record at least, and not all of it, as baseline and trim do; empty of one with a delay.
     """
     whole = np.ptp(frame.coefficient_time)
     sizes = [

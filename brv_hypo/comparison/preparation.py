@@ -43,9 +43,8 @@ APART_SIGMAS = 3.0  # standard deviations within which events of two flights may
 
 @dataclass(frozen=True)
 class Settings:
-    """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment. `known`
-    are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None where
-    they are still to be chosen.
+    """What goes from one linearisation to the next: reconstruction and static moment. `known` are the flights
+    reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None until chosen.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
@@ -151,8 +150,7 @@ class _Event:
 
 def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
     """The settings with the noise that instruments have at the motion's frequencies, where that is far more. A motion
-    that the fit knows needs no other, but another noise may want another normal force. Where no motion is found under
-    that noise, it stays.
+    that the fit knows needs no other, but another noise may want another normal force.
     """
     records, lasting = problem.records, problem.rows.noise.lasting
     if lasting is None:

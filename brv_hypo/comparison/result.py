@@ -378,8 +378,7 @@ class MotionHistories(NullIsNaN):
 
 class Series(MotionHistories):
     """What was measured and fitted, of one flight; moments are (C_N', C_Z') over `time_s`. `fitted[mechanism]` includes
-    the errors of record and vehicle beside the mechanism, but no process; it and `measured` are NaN at the ends, where
-    rates cannot be differentiated.
+    the errors of record and vehicle beside the mechanism, but no process; it and `measured` are NaN at the ends.
     """
 
     measured: Moments

@@ -46,8 +46,7 @@ MOST_NAMED = 5
 
 def find_holds(values: FloatArray) -> IntArray | None:
     """Where a channel (n,), NaN where missing, that is held between new values has these; None of any other. They come
-    as regularly as its clock; one may equal the last. A channel that is rounded changes as rarely, by its smallest
-    step.
+    as regularly as its clock; one may equal the last. One that is rounded changes by its smallest step.
     """
     known = np.flatnonzero(np.isfinite(values))
     changes = np.diff(values[known])

@@ -198,8 +198,7 @@ def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Seq
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
     """Indices of samples before which the clock was set ahead, and by how much, s. Only in a record of otherwise
-    uniform stamps: the samples on either side of the interval lie on one smooth course if it is closed, and on none as
-    it is stamped.
+    uniform stamps: the samples on either side of the interval lie on one smooth course if it is closed, else on none.
     """
     intervals = np.diff(time)
     step = float(np.median(intervals))

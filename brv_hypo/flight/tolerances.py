@@ -98,8 +98,7 @@ def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
 def instruments_from(source: str | Path, record: Instruments) -> Instruments:
     """The tolerances that a grade's name, a YAML file, or the name of one that comes along gives in place of a
     record's. In a file, keys and units are those of the flight format: `gyro_bias` in deg/s, all else in SI, or text
-    with units ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or
-    key.
+    with units ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for what is unknown.
     """
     from brv_hypo.io.files import config_names, config_path
     from brv_hypo.io.mappings import read_yaml

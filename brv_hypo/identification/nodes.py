@@ -201,8 +201,7 @@ def node_records(
     fitted: Callable[[int, Flight], Flight] = lambda _, flight: flight,
 ) -> tuple[NodeRecord, ...]:
     """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed. `rates`
-    (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a noise-free
-    flight.
+    (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts in an earlier fit's readings.
     """
     noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
     quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]

@@ -201,8 +201,7 @@ def placed(
     time_basis: TimeBasis, time: FloatArray, half: FloatArray, own: OwnTime | None
 ) -> tuple[TimeBasis, FloatArray, FloatArray]:
     """A time basis, times and intervals that go together, where time bases are in a time that flights share. What jumps
-    does so at the flight's own time; what ramps does so with the common one, whose pace about a knot is taken as
-    constant.
+    does so at the flight's own time; what ramps does so with the common one, of constant pace.
     """
     if own is None:
         return time_basis, time, half
@@ -265,9 +264,8 @@ def _holds_knot(since: FloatArray, half: FloatArray) -> BoolArray:
 def noise_free_flights(
     frame: RateFrame, predicted: ComplexArray, moments: ComplexArray, inputs: Sequence[SmoothInputs]
 ) -> tuple[Flight, ...]:
-    """The flights as noise-free instruments would have read them, axial force and what lies in gaps as measured.
-    `predicted` (rows,) rad/s are the de-rolled rates and `moments` (rows,) the C_m + i C_n of a regression; `inputs`
-    are each flight's.
+    """The flights as noise-free instruments would have read them, axial force and gaps as measured. `predicted` (rows,)
+    rad/s are de-rolled rates and `moments` (rows,) the C_m + i C_n of a regression; `inputs`: theirs.
     """
     found = []
     flights = zip(frame.reconstructions, frame.motions, inputs, strict=True)

@@ -202,8 +202,7 @@ def vehicle_of(
     mapping: RecordMap, raw: Mapping[str | None, ColumnTable], window: tuple[float, float]
 ) -> tuple[Vehicle, float, list[str]]:
     """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes. `raw` has
-    the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError for what no
-    vehicle has.
+    the tables of `bring_in`. Raises UsageError where a table holds nothing in the window, FlightRecordError.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []
@@ -270,9 +269,8 @@ def import_record(data: str | Path, map_path: str | Path | Mapping[str, Any]) ->
 
 
 def bring_in(data: str | Path, map_path: str | Path | Mapping[str, Any]) -> Imported:
-    """The record in a csv, parquet or mat file, read through a map, or the one at a path. Raises UsageError (the map is
-    unreadable, wrong, or names what the data do not have; a missing extra) and FlightRecordError (the data are
-    unreadable or make no valid record).
+    """The record in a csv, parquet or mat file by a map, or at a path. Raises UsageError (the map is unreadable, wrong,
+    or names what the data do not have; a missing extra) and FlightRecordError (the data make no record).
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (source if isinstance(map_path, Mapping) else Path(map_path)).parent, source.parent

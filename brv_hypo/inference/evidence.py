@@ -141,9 +141,8 @@ class Evidence(_Integrated):
 
     @property
     def share_of_terms(self) -> float:
-        """Of the squares that terms and processes make beside the baseline, those that terms make. Terms as they are
-        with knots and delays where they are. Squares that processes make of noise alone do not count: its square for
-        every degree of freedom that they take.
+        """Of the squares that terms and processes make beside the baseline, those that terms make. Knots and delays
+        stay. Squares that processes make of noise alone do not count: its square per degree of freedom.
         """
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]

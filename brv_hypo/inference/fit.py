@@ -117,8 +117,7 @@ class HypothesisFit:
     @property
     def regions(self) -> tuple[tuple[tuple[int, ...], ...], ...]:
         """Of each region of a mechanism that ends, the places among the selected columns of where each coefficient
-        begins and of where it ends: changes of one are, as they were added, the one and the other in turn. The last
-        region may reach the record's end.
+        begins and of where it ends: changes of one are, as they were added, the one and the other in turn.
         """
         changes = dict[tuple[str, int | None], list[int]]()
         for place, column in enumerate(self.selected):

@@ -29,8 +29,7 @@ def held_out(fits: Sequence[HypothesisFit], evidences: Sequence[Evidence], count
     """Mean square error of the moment coefficients on each of `count` blocks a flight, predicted by the fit without it,
     terms and processes with the priors that they have at the amplitudes of its evidence. The rows of a block are taken
     out of the normal equations; the walk of the attitude is independent of the rates' noise here, as rows may be left
-    out only then. A block concerns its flight's own unknowns and what all flights share: the others' are eliminated
-    once.
+    out only then. What is of other flights alone is eliminated once.
     """
     rows = evidences[0].rows
     problem = rows.problem.untied()

@@ -135,8 +135,7 @@ def refine(
 
 def nonlinear_parameters(columns: Sequence[Regressor], frame: RateFrame, knots: FloatArray) -> tuple[Nonlinear, ...]:
     """The delays and knots of selected columns: knots may move by their spacing, delays within their bounds. A knot
-    stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it is
-    hardly another motion at the beginning.
+    stays within the record, away from its ends: beyond them nothing depends on where it is, next to them hardly.
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())

@@ -161,8 +161,7 @@ def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
 
 def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
     """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows. `basis`
-    (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white noise
-    has the covariance I - basis basis'.
+    (2 rows, columns) is orthonormal, real rows before imaginary: the covariance is I - basis basis'.
     """
     out = np.zeros(max_order + 1)
     for part in (basis[:rows], basis[rows : 2 * rows]):
@@ -174,8 +173,7 @@ def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, m
 
 def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_LAG) -> float:
     """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel. n / (1 + 2
-    sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and Hammersley 1946 with a
-    cut-off); never more than n.
+    sum rho_k), summed to the first lag within its own noise (Bayley and Hammersley 1946); at most n.
     """
     n = sum(part.size for part in innovations)
     power = sum(float(part @ part) for part in innovations)
@@ -373,8 +371,7 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
 @dataclass(frozen=True)
 class ForceModel:
     """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force). The
-    reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they err
-    by, and a bend of its own.
+    reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for their errors.
     """
 
     slope: FloatArray

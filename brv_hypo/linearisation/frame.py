@@ -453,8 +453,7 @@ class ResidualMoments:
 
 def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates: ComplexArray) -> ResidualMoments:
     """Moments from what a model leaves of the derolled rates, (rows,) rad/s, or several models (rows, models). The
-    filter that differentiates the rates acts on measurement and model alike, so that it rounds no corner of the one
-    that the other keeps.
+    filter that differentiates the rates acts on measurement and model alike, and rounds both alike.
     """
     body = np.zeros(rates.shape, dtype=complex)
     usable = np.zeros(rates.shape[0], dtype=bool)

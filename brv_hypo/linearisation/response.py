@@ -168,9 +168,8 @@ the noise (n,) rad/s that one unit of it is in the derolled rates.
 
 @dataclass(frozen=True)
 class LinearisedFlight:
-    """A reconstructed flight with the model that explains it, ready to be perturbed. `columns` and `values` are the
-    moment model; `force` and `force_values` (4,) the normal force's; `force_valid` (n,) where the transverse force was
-    measured and is no spike.
+    """A reconstructed flight with its model, ready to be perturbed. `columns` and `values` are the moment model;
+    `force` and `force_values` (4,) the normal force's; `force_valid` (n,) where that was measured, and no spike.
     """
 
     record: InertialRecord

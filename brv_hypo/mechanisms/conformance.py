@@ -39,8 +39,7 @@ Checks = tuple[Callable[[Any], None], ...]
 
 def sample_motion(time: FloatArray) -> Motion:
     """An epicyclic entry motion at `time` (s, any shape), 0 to DURATION; `delayed` is exact. alpha goes from 2 to 4
-    deg, the meridian turns at 5 to 12 rad/s, Mach falls from 22 and Reynolds grows from 1e5, so that a mechanism of any
-    of these has something to act on.
+    deg, the meridian turns at 5 to 12 rad/s, Mach falls from 22 and Reynolds grows from 1e5, for mechanisms of any.
     """
     arm = _FAST / _SLOW * np.exp(1j * (_FAST_RATE - _SLOW_RATE) * time)
     turn = np.exp(1j * _SLOW_RATE * time)

@@ -143,8 +143,7 @@ def _scale_heights_risen(
 
 def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
     """Logarithm of dynamic pressure over the square of the speed: what varies slowly, less `risen` (n,) scale heights.
-    It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least squares of
-    the pressure (Gauss-Newton).
+    It is far smoother than the pressure; it is fitted by least squares of that (Gauss-Newton).
     """
     measured = flight.dynamic_pressure / speed**2
     density = smoothed(measured).values

@@ -207,8 +207,7 @@ def reconstruct(
 ) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations. The record may err by each of
     `perturbations`, as likely as their sizes say, and the gyros' clock, which the motion is on, may be late; without
-    any it is taken as free of all but white noise. Raises UnanswerableError where the record is too short, or the
-    vehicle is not in the air.
+    any it has white noise alone. Raises UnanswerableError where too little of the record is of a flight.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)

@@ -61,9 +61,8 @@ class WindHistory:
 
 @dataclass(frozen=True)
 class MomentEstimate:
-    """Moment coefficients from differentiated gyros, with the noise that differentiation gives them. The noise is so
-    correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle), and by the
-    dynamic pressure, to have it stationary.
+    """Moment coefficients from differentiated gyros, with their noise. The noise is so correlated in the axes that turn
+    with (1 - Ix/I) of the roll: exp(i spin_angle) times the pressure makes it stationary.
     """
 
     body: ComplexArray  # C_m + i C_n (n,), corrected by the estimated errors of the record

@@ -108,9 +108,8 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 
 
 def drift(record: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
-    """Change (n, 3, k) m/s, in the axes of the first sample, of what the body sees of the velocity relative to the air.
-    The motion, of `crossflow` (n,), starts as it did. What acts across the velocity turns it; so does a turned attitude
-    what is observed of it.
+    """Change (n, 3, k) m/s, in the axes of the first sample, of the velocity relative to the air in the body. The
+    motion, of `crossflow` (n,), starts as it did. What acts across the velocity turns it, and a turned attitude.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
     flow = record.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)

@@ -309,8 +309,7 @@ class InputError:
 def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,). Roughness
     (third differences of the coefficients) and noise are those of greatest likelihood (Wahba, Ann. Statist. 13:1378,
-    1985): error bands then hold on average, the bias of smoothing included. What varies faster than the spline can is
-    taken for noise.
+    1985): error bands then hold on average, the bias of smoothing included. Faster is noise.
     """
     n = values.size
     basis = _splines_through(n)

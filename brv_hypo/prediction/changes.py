@@ -124,8 +124,7 @@ def find_differences(
     own: Evidence, terms: Sequence[TermEstimate], fixed: FloatArray, covariance: FloatArray
 ) -> tuple[Difference, ...]:
     """The fewest frozen coefficients whose release improves the agreement as much as any, one at least, surest first.
-    `terms` are those of all columns, `fixed` (columns,) frozen values, NaN where there is none, `covariance` (fixed
-    columns, fixed columns) theirs.
+    `terms` are those of all columns, `fixed` (columns,) frozen values, NaN where there is none, `covariance` theirs.
     """
     known = np.flatnonzero(~np.isnan(fixed))
     # A drift is by one flight's time or speed.

@@ -402,8 +402,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
     """Variance of the residual moments' noise over that of the measured ones' (n,). `stiffness` (n,) 1/s^2 is the
-    static moment's slope, times its scale; negative where it restores. Slower than the `modes` of the walk that is
-    fitted, the noise is dealt with there.
+    static moment's slope, times its scale; negative where it restores. Slower than `modes` it is fitted.
     """
     spin, flight = record.spin_rate, record.flight
     frequency = np.pi * (np.arange(BAND_FREQUENCIES) + 0.5) / BAND_FREQUENCIES

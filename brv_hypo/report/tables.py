@@ -288,8 +288,7 @@ def size_table(comparison: result.Comparison) -> Table:
 
 def error_table(errors: Sequence[result.RecordError], slopes: Sequence[Derivative] = ()) -> Table:
     """Errors of record and vehicle above one sigma, and trim, the least probable first; in degrees too what is an angle
-    and a moment of the vehicle, as trim: that at which the static moment, of the median of C_malpha along the flights
-    (`slopes`), is as large.
+    and a moment of the vehicle, as trim: where the static moment, by the median of `slopes`, is as large.
     """
     flown = np.abs([value for each in slopes for value in each.at_flown])
     rows, slope = list[dict[str, str]](), float(np.median(flown)) if flown.size else np.nan

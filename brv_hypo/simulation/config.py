@@ -233,8 +233,7 @@ def load_config(
     source: ConfigSource, *, plant: str | Sequence[str] = (), keywords: Mapping[str, Any] = {}
 ) -> SimulationConfig:
     """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted. `keywords`
-    take the place of its keys, mappings key by key. Raises UsageError that names each wrong key, what it holds and what
-    is expected.
+    take the place of its keys, mappings key by key. Raises UsageError for each wrong key.
     """
     plant = plant.split(",") if isinstance(plant, str) else plant
     if isinstance(source, SimulationConfig) and keywords:

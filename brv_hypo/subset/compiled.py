@@ -68,8 +68,7 @@ class Work(NamedTuple):
 @compiled_part
 def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int) -> int:
     """Largest number t of further columns, to no more than ``most`` in all, that may still get under the limit. Such a
-    subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t columns may have a rise
-    that breaks the limit.
+    subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t may break it.
     """
     t: int = min(most - size, m)
     while t > 0:
@@ -208,8 +207,7 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
 @compiled
 def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     """Go on until the tree or the budget is done, hits have waited long enough, or their room is short. ``limits[k]``:
-    a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k on. The level in
-    ``w.state`` is -1 when the tree is done.
+    a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k on.
     """
     rise = w.rise
     stop = w.state[NODES] + budget

@@ -101,8 +101,7 @@ def build_constraints(
     candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups, parents: Parents
 ) -> Constraints:
     """Translate rules on columns of X into rules on candidates. A column that is neither candidate nor forced (it lies
-    in the forced span, so it adds nothing) holds nobody back: as a parent it counts as present, in a group it is passed
-    over.
+    in the forced span, so it adds nothing) counts as present as a parent, and not in a group.
     """
     position, m = {column: i for i, column in enumerate(candidates)}, len(candidates)
     outside = sorted(c for c in constrained_columns(groups, parents) if not 0 <= c < n_columns)
@@ -261,8 +260,7 @@ def square_triangle(columns: FloatArray) -> FloatArray:
 
 def dependency(R: FloatArray, noise: FloatArray) -> list[int]:
     """Positions of the columns in the first linear dependency of a triangular factor; empty for full rank. What is left
-    of a column after those before it, R_kk, is nothing where it is no more than a multiple of the rounding error of the
-    combination that represents it.
+    of a column after those before it, R_kk, is nothing where it is within a multiple of the rounding error.
     """
     for k in np.flatnonzero(np.abs(R.diagonal()) <= WEAK_DIAGONAL).tolist():
         weights = np.append(dtrtrs(R[:k, :k], R[:k, k])[0], 1.0)

@@ -359,9 +359,8 @@ class NumpyTree:
         return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
 
     def _score(self, node: Node, quota: int) -> None:
-        """Score all singles, and all pairs where the quota is two, in closed form without division. With S = R'R, d its
-        diagonal and c = R'z, a pair gains what is needed, D, where d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2
-        c_i c_k) is not negative.
+        """Score singles, and pairs where the quota is two, without division. With S = R'R, d its diagonal and c = R'z,
+        a pair gains D, as needed, where d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2 c_i c_k) is >= 0.
         """
         if quota <= 0:
             return

@@ -77,8 +77,7 @@ _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Re
 @dataclass(frozen=True)
 class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on, `at(position)` the
-    same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they lie; the others may
-    begin, end and jump in time.
+    same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they lie.
     """
 
     words: str

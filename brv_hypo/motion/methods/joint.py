@@ -354,8 +354,7 @@ def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> Floa
 
 def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
     """The default method; see the module's description. The errors of the record are linearised about the motion that
-    is found without them. The air data are freed of noise first: as a factor of the normal force it would be in what
-    the force is explained by.
+    is found without them. The air data are freed of noise first: it is a factor of the normal force.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
     problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True
