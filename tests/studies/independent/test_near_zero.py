@@ -12,13 +12,14 @@ from tests.studies.independent.near_zero import make_through_zero
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("listed", [("damping", "bodyfixed"), pytest.param(LISTED, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("truth", ["damping", pytest.param("none", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("vehicle", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
-def test_through_zero(vehicle: str, truth: str) -> None:
+def test_through_zero(vehicle: str, truth: str, listed: tuple[str, ...]) -> None:
     """Strong damping is named, and nothing is where nothing is: there none may be as large as the moment."""
     made = make_through_zero(vehicle, truth, seed=48000)
     assert np.degrees(made.true.alpha.min()) < 0.02
     assert np.abs(made.true.meridian_rate).max() > 300.0
-    verdict = compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    verdict = compare(made.flight, CompareConfig(mechanisms=listed, maximum_likelihood="none")).verdict
     assert verdict.winner == truth
     assert truth != "none" or max(limit.share_of_moment_95 for limit in verdict.limits) < 1.0

@@ -77,6 +77,7 @@ def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed:
     assert verdict.winner == "none" or (verdict.winner is None and "not specific to inplane" in verdict.reason)
 
 
+@pytest.mark.slow
 def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
     """Ramps had replaced jumps: neither knot alone leads from there to the truth."""
     made = draw_flight(71140, truth="inplane", grade="tactical", noise=Noise(colour=0.47178061945354866))

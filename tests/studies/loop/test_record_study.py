@@ -80,7 +80,7 @@ def test_what_turns_the_vehicle_too_far_is_refused(state: Fit) -> None:
         with_moment(trimmed().flight, state, find("trim"), [1.0, 0.0])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_beside_noise_a_record_shows_as_many_limits_as_are_planted(base: Ground) -> None:
     flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
     there, shown = limits_there(base, flight, find("magnus"), np.array([MAGNUS]), None)
