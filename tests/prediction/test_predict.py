@@ -238,7 +238,7 @@ def test_on_its_own_record_a_model_has_the_errors_that_were_fitted_with_it(secon
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", (3.0, 6.0))
+@pytest.mark.parametrize("seconds", [3.0, 6.0])
 def test_on_a_record_of_several_the_model_is_that_of_this_flight(seconds: float) -> None:
     whole = [simulate(trimmed_cone((1e-3, trim)), seed=k).flight for k, trim in enumerate((-5e-4, 8e-4))]
     flights = [flight.window(None, seconds) for flight in whole]
