@@ -145,10 +145,11 @@ class Searched:
         return self._linearised(self.point, self.fits)
 
     def about_another(self, known: Judged) -> Judged | None:
-        """The same about a hypothesis that is likelier about itself than the leader is: where the motion that one makes
-        is far from that of another, what is linear about it says little of the other. None where there is none.
+        """The same about a mechanism that is likelier about itself than the leader is, None without one: where the motion
+        that one makes is far from that of another, what is linear about it says little of the other.
         """
-        others = (e for e in self.fits if e.selected and e.name not in (self.point.name, known.fits[known.leader].name))
+        tried_already = (self.point.name, known.fits[known.leader].name)
+        others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
         null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
         for fit in (self_consistent(self.problem, each) for each in others):
             found = self._about(self.problem, fit, [*null, fit])
