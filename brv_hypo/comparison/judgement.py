@@ -145,8 +145,8 @@ class Searched:
         return self._linearised(self.point, self.fits)
 
     def about_another(self, known: Judged) -> Judged | None:
-        """The same about a mechanism that is likelier about itself than the leader is, None without one: where the motion
-        that one makes is far from that of another, what is linear about it says little of the other.
+        """The same about a mechanism that is likelier about itself than the leader is; None without one: where the
+        motion that one makes is far from that of another, what is linear about it says little of the other.
         """
         tried_already = (self.point.name, known.fits[known.leader].name)
         others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
