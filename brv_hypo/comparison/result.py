@@ -148,8 +148,11 @@ class RankedHypothesis(NullIsNaN):
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
-        """From the first to the last interval in which the mechanism acts."""
-        acts = [each.acts for each in self.intervals]
+        """From the first to the last interval in which the mechanism acts, by values not far below its largest."""
+        sizes = [{v.name: abs(v.value) for v in each.values if v.units != "rad"} for each in self.intervals]
+        most = {name: max(own.get(name, 0.0) for own in sizes) for own in sizes for name in own}
+        small = [all(size < REMAINS * most[name] for name, size in own.items()) for own in sizes]
+        acts = [each.acts and not few for each, few in zip(self.intervals, small, strict=True)]
         return self.intervals[acts.index(True) : len(acts) - acts[::-1].index(True)] if any(acts) else ()
 
 
@@ -204,6 +207,7 @@ class Explained(NullIsNaN):
     noise: float = Field(description="noise and lack of fit")
 
 
+REMAINS = 0.02  # of the largest value of a mechanism, below which a value is said to be none; wording alone
 AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 
