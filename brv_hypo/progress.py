@@ -14,6 +14,8 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
+from brv_hypo.errors import UsageError
+
 log = logging.getLogger("brv_hypo")
 log.addHandler(logging.NullHandler())
 
@@ -51,6 +53,12 @@ def report_to(progress: Progress | None) -> Report:
             bar.total = bar.total or 1.0
             bar.n = bar.n if fraction is None else fraction * bar.total
             bar.set_description_str(text)
+
+    elif not callable(move):
+        raise UsageError(
+            f"got progress of type {type(progress).__name__}, expected a function of the fraction done (or None) and a "
+            "text, a rich Progress or a tqdm bar. For example progress=print."
+        )
 
     def report(fraction: float | None, text: str) -> None:
         log.info(text if fraction is None else f"{text} ({100.0 * fraction:.0f} % done)")

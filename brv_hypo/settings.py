@@ -83,7 +83,7 @@ def problems_of(
             words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
             about = f" ({location[0]}: {words})" if words else ""
             message = detail["msg"].removeprefix("Value error, ").rstrip(".").partition(", unable to")[0]
-            message = message.replace("Input should be", "expected", 1)
+            message = re.sub("^(Input should be|Tuple should have)", "expected", message)
             if detail["type"] == "literal_error" and (near := nearest(str(value), message.split("'")[1::2])):
                 message += f" (is '{near[0]}' meant?)"
             found.append(f"'{place}': {message}{'' if isinstance(value, dict) else got}{about}")

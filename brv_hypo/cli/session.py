@@ -432,18 +432,14 @@ def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., N
         def run(**given: Any) -> None:
             session = Session(**{name: given.pop(name) for name in names})
             try:
-                # without --plugin the registry stays unimported, unless an earlier command of this process had files
-                if "plugin" in names and (session.plugin or "brv_hypo.mechanisms" in sys.modules):
-                    from brv_hypo.mechanisms import plugin_files, use_plugin_files
-
-                    if session.plugin or plugin_files():
-                        use_plugin_files(session.plugin or ())
                 # Nothing but the result may reach a standard output that belongs to JSON.
                 with redirect_stdout(sys.stderr) if session.json_only else nullcontext():
-                    if session.plugin:
-                        from brv_hypo.mechanisms import installed
+                    # without --plugin the registry stays unimported, unless an earlier command of this process had one
+                    if "plugin" in names and (session.plugin or "brv_hypo.mechanisms" in sys.modules):
+                        from brv_hypo.mechanisms import plugin_files, use_plugin_files
 
-                        installed()  # refuses a file that cannot be used, whatever the command needs
+                        if session.plugin or plugin_files():
+                            use_plugin_files(session.plugin or ())
                     command(session, **given)
             finally:
                 for reason in left_out():

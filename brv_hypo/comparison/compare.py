@@ -41,7 +41,7 @@ from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import compared, installed, nuisances, parse_hypothesis, requested, stated_processes
 from brv_hypo.model.common_time import at
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.model.term import theta_grid
+from brv_hypo.model.term import delays_among, theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
@@ -96,6 +96,7 @@ def compare(
     if not (record.sound or config.accept_record):
         return refused(tried, [trial for _, trial in trials], config.method)
     analysed = [averaged(flight) for flight in tried]
+    check_delays(wanted, config.options, max(float(np.ptp(flight.time)) for flight in analysed))
     names = {mechanism.name for mechanisms in wanted.values() for mechanism in mechanisms}
 
     def compared_without(faulty: frozenset[str]) -> Comparison:
@@ -290,6 +291,16 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
         hint = meant(name, known, f"compared: {', '.join(own)}.")
         raise UsageError(f"the settings have options of '{name}', which is not compared; {hint}")
     return found
+
+
+def check_delays(hypotheses: Hypotheses, options: Mapping[str, Any], duration: float) -> None:
+    """Raise UsageError for a delay, of a mechanism with options, that no record of this duration, s, can show."""
+    found = {mechanism.name: mechanism for own in hypotheses.values() for mechanism in own}
+    for name in found.keys() & options.keys():
+        for each in delays_among(found[name].parameters()):
+            if (longest := max(each.grid) * each.seconds) >= duration:
+                got = f"got a {each.name} of {longest:.4g} s, expected less than the record, {duration:.4g} s"
+                raise UsageError(f"bad options for '{name}': {got}. Leave out delays that are longer.")
 
 
 # ---- The report's criteria ----

@@ -9,6 +9,7 @@ template/          a plugin package to start from, with $placeholders, which `br
 """
 
 from brv_hypo.mechanisms.contract import Component as Component
+from brv_hypo.mechanisms.contract import Delays as Delays
 from brv_hypo.mechanisms.contract import Derived as Derived
 from brv_hypo.mechanisms.contract import Mechanism as Mechanism
 from brv_hypo.mechanisms.contract import MomentProcess as MomentProcess

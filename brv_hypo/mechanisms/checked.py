@@ -28,6 +28,11 @@ from brv_hypo.motion.motion import Motion
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 _ENGINE = Path(__file__).resolve().parents[1]
 
+_ALONE = (
+    "Each sample is evaluated alone, in arrays of any shape: use no cumulative sum, gradient or mean of samples, and "
+    "for the past `motion.delayed(tau)`."
+)
+
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)
 Data = TypeVar("Data", bound=Motion | Flight)
 Result = TypeVar("Result")
@@ -194,7 +199,12 @@ def _answer_of(self: Checked, method: str, *arguments: Any) -> Any:
         for each in arguments
     ]
     problem = partial(_problem, method, arguments[0].time.shape if method in ("terms", "perturb", "shapes") else ())
-    given = answer(self.item.name, self.package, getattr(self.item, method), *shown, problem=problem)
+    try:
+        given = answer(self.item.name, self.package, getattr(self.item, method), *shown, problem=problem)
+    except MechanismError as error:
+        if method not in ("terms", "shapes") or (arguments[0].time.ndim == 1 and arguments[0].time.size > 1):
+            raise
+        raise MechanismError(f"{error} {_ALONE}", error.mechanism) from error
     return tuple(checked(each, self.package) for each in given) if method == "variants" else given
 
 

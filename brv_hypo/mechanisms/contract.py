@@ -32,11 +32,11 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pluggy
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
@@ -46,6 +46,12 @@ from brv_hypo.motion.motion import Motion
 
 hookimpl = pluggy.HookimplMarker("brv_hypo")
 TimeVariation = Literal["constant", "jump", "ramp"]
+Delays = Annotated[
+    tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...],
+    Field(min_length=1),
+    AfterValidator(lambda given: tuple(sorted(set(given)))),
+]
+"""Delays that are searched first, s, as an option of a mechanism."""
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
 """What kind of thing a record effect or a process is."""
 

@@ -23,7 +23,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from brv_hypo.errors import MechanismError, UsageError
+from brv_hypo.errors import BrvHypoError, MechanismError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import meant, one_line
@@ -113,10 +113,18 @@ class Installed:
 
 
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
-    """Load these .py and .yaml files beside what is installed, instead of an earlier call's, when first needed."""
+    """Load these .py and .yaml files beside what is installed, instead of an earlier call's. UsageError or
+    MechanismError for what cannot be used, and an earlier call's files stay.
+    """
     global _files
-    _files = tuple(str(Path(path).absolute()) for path in paths)
+    earlier, _files = _files, tuple(str(Path(path).absolute()) for path in paths)
     _loaded.cache_clear()
+    try:
+        if _files:
+            _loaded()
+    except BrvHypoError:
+        _files = earlier
+        raise
 
 
 def plugin_files() -> tuple[str, ...]:
@@ -201,12 +209,18 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
 
 def _with_options(item: Any, options: Mapping[str, Any]) -> Any:
     """An installed item with options of its own; UsageError for what is wrong with them."""
+    from brv_hypo.mechanisms.conformance import Nonconformity, has_sane_parameters
+
     package, plain, name = installed()[item.name].package, unchecked(item), item.name
     try:
         made = answer(name, package, plain.__class__.model_validate, {**plain.model_dump(), **options})
+        if isinstance(made, Mechanism):
+            has_sane_parameters(checked(made, package))
+    except Nonconformity as wrong:
+        raise UsageError(f"bad options for '{name}', {dict(options)}: {wrong}.") from None
     except MechanismError as error:
         if isinstance(error.__cause__, ValidationError):
-            known = ", ".join(type(plain).model_fields) or "none"
+            known = str(plain.__class__()) or "none"
             raise UsageError(f"bad options for '{name}': {problems_of(error.__cause__)}. It has: {known}.") from None
         raise
     return checked(made, package) if is_checked(item) else made
@@ -227,7 +241,7 @@ def _found(name: str, known: Sequence[str]) -> Item:
     causes = [each for each in known if not isinstance(installed()[each].item, Process)]
     hint = meant(name, causes, f"installed: {', '.join(causes)}.", cutoff=0.4, most=3)
     reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
-    where = "`brv-hypo mechanisms` lists what is installed, --plugin FILE adds a file's"
+    where = "`brv-hypo mechanisms` lists what is installed, --plugin FILE (Python: use_plugin_files) adds a file's"
     raise UsageError(f"unknown mechanism '{name}'; {hint} {where}.{reasons}")
 
 

@@ -167,6 +167,10 @@ _OWN_RECORD = (
     "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
+_AGREES = (
+    "This flight does not contradict the model: no coefficient differs, nor slope or damping for a part, by more than "
+    "chance (5 %), and beside processes the residual is noise."
+)
 _ITS_ERRORS = "Errors of instruments and vehicle are those that were fitted to it within their tolerances. "
 
 
@@ -179,8 +183,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
-            f" Over the whole record its error is {left:.3g} of the mean square. Errors of record and vehicle (trim "
-            f"among them) were assumed zero; `--refit {remedy}` lets this flight have its own."
+            f" Over the whole record its error is {left:.3g} of the mean square, errors of record and vehicle (trim "
+            "among them) assumed zero; tests and interval have them fitted within their tolerances. "
+            f"`--refit {remedy}` lets this flight have its own."
         )
     overlap = f" It was estimated from {percent_of(found.of_own)} of this very record, which is not counted."
     own_part = overlap if 0.0 < found.of_own < 1.0 else ""
@@ -191,16 +196,17 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f"is an extrapolation, and whether this flight contradicts it is not tested.{own_part}{helps}"
         )
     said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
-    differs, partly = _differs(found), found.extrapolates and not found.own_record
-    contradicted = found.refused or found.lacks_an_effect
-    said += f"{differs.lstrip()} " if contradicted else ""  # what -q prints is the first sentence
+    contradicted, partly = found.refused or found.lacks_an_effect, found.extrapolates and not found.own_record
+    if not found.own_record:  # the first sentence is what -q prints
+        said += f"{_differs(found).lstrip() if contradicted else _AGREES} "
     said += f"On the {percent_of(found.flown)} of the samples where the model is known, the" if partly else "The"
     said += (
-        f" frozen model{found.without} {_explains(found.explained)} the moments' mean square, noise aside; "
-        f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
+        f" frozen model{found.without} {_explains(found.explained)} the mean square of the measured moments, noise "
+        "aside (no test: static moment and damping alone may make most of it); the same model fitted to this flight "
+        f"{_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if band.inside < PREDICTED_HOLDS and not found.own_record:
+    if band.inside < PREDICTED_HOLDS and not (found.own_record or contradicted):
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         said += (
@@ -212,7 +218,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     if partly and beyond > 1.0 - PREDICTED_NEARLY_ALL:
         where = "elsewhere in Mach number or angle of attack: an extrapolation, not tested"
         said += f" {percent_of(beyond)} of the samples lie {where}."
-    said += own_part + ("" if contradicted else differs) + helps
+    said += own_part + helps
     timed = [each.mechanism for each in found.refitted if each.region_s is not None or each.delay_s is not None]
     if timed:
         said += (

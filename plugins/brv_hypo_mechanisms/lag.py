@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from brv_hypo.mechanisms import Mechanism, Parameter, Term, hookimpl
+from brv_hypo.mechanisms import Delays, Mechanism, Parameter, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
 
@@ -23,11 +23,11 @@ class Lag(Mechanism):
     source = "report, Table 2.1 (d), Figure 2.4"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"lag fraction": (0.0, 1.0)}
 
-    delays: tuple[float, ...] = (0.005, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3)
+    delays: Delays = (0.005, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The delay tau, s."""
-        bounds = (0.3 * min(self.delays), 1.5 * max(self.delays))
+        bounds = (0.3 * self.delays[0], 1.5 * self.delays[-1])
         return (Parameter("delay", "s", self.delays, bounds, "delay of the total moment", is_delay=True),)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from brv_hypo.mechanisms import Mechanism, Parameter, Term, hookimpl
+from brv_hypo.mechanisms import Delays, Mechanism, Parameter, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
 
@@ -24,11 +24,11 @@ class Sticking(Mechanism):
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"eps": (0.0, 1.0)}
 
     form: Literal["printed", "complete"] = "printed"
-    delays: tuple[float, ...] = (0.02, 0.04, 0.08, 0.125, 0.2, 0.3, 0.5)
+    delays: Delays = (0.02, 0.04, 0.08, 0.125, 0.2, 0.3, 0.5)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The delay tau, s."""
-        bounds = (0.3 * min(self.delays), 1.5 * max(self.delays))
+        bounds = (0.3 * self.delays[0], 1.5 * self.delays[-1])
         return (Parameter("delay", "s", self.delays, bounds, "time that the flow sticks", is_delay=True),)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:

@@ -17,6 +17,7 @@ from rich.progress import Progress
 import brv_hypo
 from brv_hypo import errors
 from brv_hypo.comparison import CompareConfig
+from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.simulation import SimulationConfig
 from brv_hypo.study import StudyConfig
@@ -133,6 +134,11 @@ def test_one_form_of_progress_serves_callables_rich_tqdm_and_the_log(simulated_f
     assert tqdm.n == rich.tasks[0].completed == calls[-1][0] > 0.6
     assert len(caplog.records) == 3 * len(texts)
     assert not [name for name in dir(result) if name.startswith("model")]
+
+
+def test_a_progress_that_is_none_is_refused_in_words():
+    with pytest.raises(UsageError, match="got progress of type int, expected a function"):
+        brv_hypo.simulate("research_cone", seed=1, duration=1.0, progress=3)
 
 
 def test_a_flight_saves_and_plots_itself(flight_file, tmp_path):

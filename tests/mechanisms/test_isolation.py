@@ -14,7 +14,7 @@ import pytest
 
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.mechanisms import checked as apart
-from brv_hypo.mechanisms import find, installed, left_out, registry, use_plugin_files
+from brv_hypo.mechanisms import find, installed, left_out, plugin_files, registry, use_plugin_files
 from brv_hypo.mechanisms.conformance import sample_flight, sample_motion, uniform_time
 
 pytestmark = pytest.mark.thorough
@@ -99,15 +99,13 @@ def test_a_bad_plugin_file_is_refused_and_what_is_installed_is_as_before(tmp_pat
     before = dict(installed())
     parts, says = BAD[how]
     path = written(tmp_path, **parts)
-    use_plugin_files([path])
     with pytest.raises(MechanismError) as refusal:
-        installed()
+        use_plugin_files([path])
     reason = str(refusal.value)
     assert str(path) in reason
     assert re.search(says, reason)
     assert "line" in reason or how in ("taken", "hook gives another")
     assert "--plugin" in reason or how == "taken"
-    use_plugin_files(())
     assert dict(installed()) == before
 
 
@@ -135,17 +133,27 @@ def test_a_mechanism_file_is_a_plugin_too(tmp_path):
     use_plugin_files([path])
     assert find("turning").title == "turning moment"
     path.write_text("name: turning")
-    use_plugin_files([path])
     with pytest.raises(UsageError, match="is not a mechanism file"):
-        installed()
+        use_plugin_files([path])
 
 
 @pytest.mark.parametrize("name", ["absent.py", "notes.txt"])
 def test_what_is_no_plugin_is_wrong_usage(tmp_path, name):
     (tmp_path / "notes.txt").write_text("")
-    use_plugin_files([tmp_path / name])
+    good = written(tmp_path)
+    use_plugin_files([good])
     with pytest.raises(UsageError, match=name):
-        installed()
+        use_plugin_files([tmp_path / name])
+    assert plugin_files() == (str(good),)
+    assert "bad" in installed()
+
+
+@pytest.mark.parametrize("over_samples", ["np.cumsum", "np.gradient"])
+def test_terms_that_use_neighbours_are_told_what_to_use_instead(tmp_path, over_samples):
+    path = written(tmp_path, terms=f'return (Term("k", 0 * motion.alpha, {over_samples}(motion.alpha)),)')
+    path.write_text(f"import numpy as np\n{path.read_text()}")
+    with pytest.raises(MechanismError, match=r"Each sample is evaluated alone.*`motion.delayed\(tau\)`"):
+        use_plugin_files([path])
 
 
 def foreign(tmp_path, terms):

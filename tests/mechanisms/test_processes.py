@@ -415,9 +415,8 @@ def test_shapes_that_are_not_finite_are_said():
 
 def test_a_file_of_which_one_breaks_its_contract_is_refused(tmp_path):
     path = written(tmp_path, splines=3)
-    use_plugin_files([path])
     with pytest.raises(MechanismError, match="`splines` is 3, expected 1, a constant, or at least 4") as refusal:
-        installed()
+        use_plugin_files([path])
     assert "'four_lobes' of" in str(refusal.value)
     assert f"{path}, line" in str(refusal.value)
 
@@ -455,3 +454,5 @@ def test_options_of_a_process_are_those_of_the_comparison(distribution):
     ):
         with pytest.raises(UsageError, match=said):
             compare("nothing.h5", mechanisms=["lag"], options=options)
+    with pytest.raises(UsageError, match=r"delay of 1e.09 s, expected less than the record, .* s\. Leave out"):
+        compare(nominal().flight, mechanisms=["lag"], options={"lag": {"delays": [0.1, 1e9]}})

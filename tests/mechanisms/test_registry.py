@@ -51,10 +51,23 @@ def test_a_file_of_plugins_among_names_says_where_it_belongs():
 
 def test_options_are_checked():
     assert find("sticking", {"form": "complete"}).form == "complete"
-    with pytest.raises(UsageError, match=r"bad options for 'sticking': 'form': .* It has: form, delays"):
+    with pytest.raises(UsageError, match=r"bad options for 'sticking': 'form': .* It has: form='printed' delays="):
         find("sticking", {"form": "square"})
     with pytest.raises(UsageError, match="bad options for 'damping'"):
         find("damping", {"colour": "red"})
+
+
+@pytest.mark.parametrize("name", ["lag", "sticking"])
+@pytest.mark.parametrize("delays", [[-1.0], [0.0, 0.1], [], [float("nan")], [float("inf")], ["a"]])
+def test_delays_that_are_none_are_refused(name, delays):
+    with pytest.raises(UsageError, match=f"bad options for '{name}': 'delays.*: expected .*got.* It has: .*delays="):
+        find(name, {"delays": delays})
+
+
+def test_options_are_checked_by_what_parameters_follow():
+    assert find("lag", {"delays": [0.1, 0.05]}).parameters()[0].grid == (0.05, 0.1)
+    with pytest.raises(UsageError, match="'delay': grid or bounds are not finite"):
+        find("lag", {"delays": [1e-3, 1.5e308]})
 
 
 def test_a_hypothesis_joins_mechanisms_with_a_plus():
