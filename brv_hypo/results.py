@@ -80,13 +80,16 @@ class Tabular:
     def to_dataframe(self) -> pandas.DataFrame:
         """The rows as a pandas data frame; UsageError with the remedy where pandas is not installed."""
         of_pandas = _needed("pandas", "to_dataframe()", "tables").DataFrame
-        frame: pandas.DataFrame = of_pandas.from_records(list(self.rows()))
-        return frame
+        rows = self.rows()
+        frame: pandas.DataFrame = of_pandas.from_records(list(rows))
+        lacking = [name for name in frame if {type(row[str(name)]) for row in rows} == {int, type(None)}]
+        return frame.astype(dict.fromkeys(lacking, "Int64"))
 
     def to_xarray(self) -> xarray.Dataset:
         """The rows as a labelled data set with units, over "row" or the frame's index; UsageError without xarray."""
         _needed("xarray", "to_xarray()", "xarray")
         frame = self.to_dataframe()
+        frame = frame.astype(dict.fromkeys(frame.select_dtypes("Int64"), float))  # files have no missing integers
         data = frame.to_xarray() if frame.index.name else frame.rename_axis("row").to_xarray().drop_vars("row")
         for name, units in self.units().items():
             data[name].attrs["units"] = units

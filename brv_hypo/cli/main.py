@@ -32,9 +32,10 @@ ALONG = {
     "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
     "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
     "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
+    "instruments": ("opportunity", "instruments", "brv-hypo compare flight.h5 --instruments {}"),
 }
-"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
-comments, by name and folder; and the command that reads them."""
+"""What new simulations, studies, maps and tolerances start from, as they need more than defaults: files that come along
+with their comments, by name and folder; and the command that reads them."""
 KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
 RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 

@@ -63,7 +63,7 @@ STAGE_SECONDS = 10.0  # between lines of one stage
 LONG_SECONDS = 20.0  # what takes longer says so beforehand
 _TOLERANCES = (
     "Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, a YAML "
-    "file, or opportunity."
+    "file, or opportunity (`brv-hypo config new opportunity` writes it)."
 )
 
 

@@ -19,7 +19,7 @@ class CompareConfig(BaseModel):
     mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
         default=None,
         description="Hypotheses by name, as text (`brv-hypo mechanisms` lists them), a plus joining several "
-        "mechanisms; None: the five that come along, and those of files (`--plugin`); `installed`: all. "
+        "mechanisms; None: the five, and those of files (`--plugin`); `installed`: all of kind mechanism. "
         "The name of a nuisance effect of another package puts it into every hypothesis.",
     )
     options: dict[str, dict[str, Any]] = Field(

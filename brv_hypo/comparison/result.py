@@ -11,7 +11,7 @@ from pydantic import Field
 
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import below_noise, counted, estimated, hypothesis, number, percent, times
+from brv_hypo.io.text import below_noise, counted, estimated, hypothesis, number, percent, percents, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
@@ -132,7 +132,7 @@ class RankedHypothesis(NullIsNaN):
     share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
-    process_shares: dict[str, float] = Field(default={}, description="of the moment, beside it: processes above sigma")
+    process_shares: dict[str, float] = Field(default={}, description="of the moment; below its sigma: left out")
     ml: MaximumLikelihood | None = Field(default=None, description="fit by maximum likelihood; null: none was made")
 
     @property
@@ -222,7 +222,7 @@ class ProcessEstimate(NullIsNaN):
     units: str = Field(description="of `size`, `std_error`, `tolerance`; `1`: a moment coefficient")
     share_of_moment: float = Field(description="over the moment's rms; of instruments and air by their rates")
     tolerance: float = Field(description="an ordinary size")
-    planted: dict[str, float] = Field(default_factory=dict, description="as `simulate` plants it; empty of a small one")
+    planted: dict[str, float] = Field(default_factory=dict, description="estimate, as `simulate` plants it; small: {}")
 
     @property
     def is_of_moment(self) -> bool:
@@ -312,7 +312,7 @@ def within_text(errors: Sequence[RecordError]) -> str:
     beyond, level = beyond_tolerances(errors), beyond_level(len(errors))
     known = [each for each in errors if each not in beyond and abs(each.value) > level * each.std_error]
     said = [f"{e.name} {estimated(e.value, e.std_error)}{'' if e.units == '1' else f' {e.units}'}" for e in known]
-    return _listed("Errors of the record, significant and within their tolerances", said)
+    return _listed(f"Errors of the record, significant and within {level:.1f} tolerances, the bound of so many", said)
 
 
 def _listed(what: str, said: Sequence[str]) -> str:
@@ -460,11 +460,13 @@ class Comparison(HasCharts, Result):
         lines = [" ".join(filter(None, (self.verdict.reason, self._when())))]
         found, fits = self.verdict.explained, self.verdict.adequacy
         if found is not None:
-            share, low, high = map(percent, (found.share, *found.interval_95))
-            leader = f"{self.ranking[0].mechanism} {share} % ({low} to {high} %), " if found.share else ""
+            low, high = found.interval_95
+            digits = 2 if found.share and high - low < 0.01 else 0
+            share, processes, rest = percents((found.share, found.processes, found.noise), digits)
+            known = f"{share} % ({100.0 * low:.{digits}f} to {100.0 * high:.{digits}f} %), "
+            leader = f"{self.ranking[0].mechanism} {known}" if found.share else ""
             noise = "noise" if fits is None or fits.ratio < 1.0 + NOISE_LEVEL[1] else "noise and lack of fit"
-            rest = f"processes {percent(found.processes)} %, {noise} {percent(found.noise)} %"
-            lines.append(f"Of the residual of the baseline: {leader}{rest}.")
+            lines.append(f"Of the residual of the baseline: {leader}processes {processes} %, {noise} {rest} %.")
         if fits is not None:
             within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms){below_noise(fits.ratio)}"
             of_leader = self.verdict.outcome == "undecided"

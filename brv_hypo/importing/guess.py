@@ -138,6 +138,8 @@ def _by_gravity(table: ForeignTable) -> None:
     time = table.in_si("time")
     rest = rules.find_rest(time, [table.values(name) for name in INERTIAL_CHANNELS if name in table.entries])
     if rest is None:
+        if not any(_NOT_STATED in doubt for name in ACCELEROMETERS for doubt in table.entries[name].unsure):
+            return
         table.unsure.append("no rest in the record, at which gravity would tell units of the accelerometers")
         return
     norm = float(np.linalg.norm([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -144,6 +144,15 @@ def percent(ratio: float) -> str:
     if ratio < 5e-5:
         return "<0.01" if ratio > 0.0 else "0"
     return f"{100.0 * ratio:.{0 if 0.01 <= ratio <= 0.98 else 2}f}"
+
+
+def percents(parts: Sequence[float], digits: int) -> list[str]:
+    """Parts of a whole in percent, without the sign; what rounding lacks for 100 is in the largest."""
+    rounded = [round(100.0 * part, digits) for part in parts]
+    rounded[list(parts).index(max(parts))] += 100.0 - sum(rounded)
+    least = 10.0**-digits
+    shown = zip(parts, rounded, strict=True)
+    return [f"<{least:g}" if part > 0.0 and size < 0.5 * least else f"{size:.{digits}f}" for part, size in shown]
 
 
 def below_noise(ratio: float) -> str:

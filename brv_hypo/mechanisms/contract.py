@@ -36,7 +36,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pluggy
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
@@ -46,12 +46,8 @@ from brv_hypo.motion.motion import Motion
 
 hookimpl = pluggy.HookimplMarker("brv_hypo")
 TimeVariation = Literal["constant", "jump", "ramp"]
-Delays = Annotated[
-    tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...],
-    Field(min_length=1),
-    AfterValidator(lambda given: tuple(sorted(set(given)))),
-]
-"""Delays that are searched first, s, as an option of a mechanism."""
+Delays = Annotated[tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...], Field(min_length=1)]
+"""Those that are searched first, s, increasing, as an option of a mechanism."""
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
 """What kind of thing a record effect or a process is."""
 

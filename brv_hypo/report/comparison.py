@@ -40,7 +40,8 @@ JUDGED = "Models as they are judged: each with its own estimated processes and e
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
     "F-ratio, C_p: of fits without processes, with knots, delays and noise as beside these: another "
-    "process changes C_p, which is above k, the number of coefficients, also where no term is missing. pred. error: "
+    "process changes C_p, which is above k, the number of coefficients (in Models by size), also where no term is "
+    "missing. pred. error: "
     "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
     "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
     "is split or added beside processes comes on top."
@@ -216,7 +217,7 @@ def comparison_document(comparison: Comparison) -> Document:
     idle += [f"F-ratio, C_p and pred. error of {row.mechanism} are with {row.impossible}." for row in beyond]
     names = tables.collinear_names(comparison.collinear_groups)
     collinear = (
-        tables.term_table("Baseline", terms),
+        tables.term_table("Baseline", terms, collinear=comparison.collinear_groups),
         Texts(names, bullets=False, shown="verbose"),
         Texts(comparison.collinear, tables.PAIRS, shown="page"),
     )

@@ -23,7 +23,7 @@ NOTES = 5  # notes on how the record was made that the terminal shows; all of th
 KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 OF_KINDS = (
-    "`compare` takes kind mechanism, with `--mechanisms installed` those of other packages too; kind aerodynamic "
+    "`compare` takes kind mechanism (`--mechanisms installed`: all of it, other packages' too), kind aerodynamic "
     "only by name. `trace` tries all. Every hypothesis has the processes, and errors with a tolerance. By shape: by "
     "what makes most of the moment on a flight."
 )

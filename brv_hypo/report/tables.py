@@ -135,9 +135,9 @@ def process_texts(comparison: result.Comparison) -> list[Block]:
     for row in comparison.ranking:
         named = [f"{name} {share(size)}" for name, size in row.process_shares.items()]
         rest = [f"{len(named) - MOST_BESIDE} more"] * (len(named) > MOST_BESIDE)
-        beside = ", ".join([*named[:MOST_BESIDE], *rest]) or "none"
+        beside = ", ".join([*named[:MOST_BESIDE], *rest]) or "none above its sigma"
         rows.append({"mechanism": hypothesis(row.mechanism), "of moment": beside})
-    heading = "Processes above their sigma beside each hypothesis (beyond 100 % they cancel)"
+    heading = "Processes beside each hypothesis; below its sigma: not listed (beyond 100 % they cancel)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),
@@ -280,7 +280,12 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
 def size_table(comparison: result.Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
     rows = [
-        {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
+        {
+            "terms": str(each.n_terms),
+            "k": str(each.n_coefficients),
+            "C_p": number(each.cp),
+            "best": ", ".join(each.terms) or "baseline only",
+        }
         for each in comparison.best_by_size
     ]
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")

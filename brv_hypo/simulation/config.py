@@ -242,6 +242,7 @@ def load_config(
     for name in plant:
         if name not in config.plantable:
             holds = f"its `plantable` block holds {', '.join(config.plantable) or 'nothing'}"
+            holds += "; leave --plant out to plant nothing" if name == "none" else ""
             raise UsageError(f"'{name}' is not plantable in '{config.title}'; {holds}. Choose one, or add it there.")
     chosen = tuple(entry for name in plant for entry in config.plantable[name])
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config

@@ -272,6 +272,17 @@ class TestPython:
         explained = Explained(share=share, interval_95=(share, share), **rest)
         assert f"explains {words}" in graded(explained=explained).headline()
 
+    def test_shares_have_one_number_of_digits_and_a_sum_of_100(self) -> None:
+        rest = {"unexplained": 0.0154, "processes": 0.0152, "noise": 0.0002}
+        for ends, words in (
+            ((0.96, 1.0), "98 % (96 to 100 %), processes 2 %, noise <1 %"),
+            ((0.98, 0.989), "98.46 % (98.00 to 98.90 %), processes 1.52 %, noise 0.02 %"),
+        ):
+            found = graded(explained=Explained(share=0.9846, interval_95=ends, **rest))
+            assert f"damping {words}." in found.conclusion()
+        thirds = Explained(share=1 / 3, interval_95=(0.3, 0.4), unexplained=2 / 3, processes=1 / 3, noise=1 / 3)
+        assert "damping 34 % (30 to 40 %), processes 33 %, noise 33 %." in graded(explained=thirds).conclusion()
+
     def test_baseline_only_explains_nothing_of_its_own_residual(self) -> None:
         rest = {"unexplained": 1.0, "processes": 0.02, "noise": 0.98}
         named = graded("none", Explained(share=0.0, interval_95=(0.0, 0.0), **rest))
@@ -317,16 +328,15 @@ class TestPython:
         shown = {e.name: e.share_of_moment for e in found.verdict.processes if e.is_shown and e.size > e.std_error}
         assert leader.process_shares == shown
         assert max(baseline.process_shares.values()) > 10.0 * max(shown.values(), default=0.0)
-        listed = printed(found, verbose=True).partition("Processes above their sigma beside each hypothesis")[2]
+        listed = printed(found, verbose=True).partition(
+            "Processes beside each hypothesis; below its sigma: not listed"
+        )[2]
         assert next(iter(baseline.process_shares)) in listed
 
     def test_processes_and_noise_are_listed_separately_where_they_are_known(self) -> None:
         known = EXPLAINED.model_copy(update={"processes": 0.13 - 3e-5, "noise": 3e-5})
         assert (
-            graded(explained=known)
-            .conclusion()
-            .splitlines()[1]
-            .endswith("(81 to 92 %), processes 13 %, noise <0.01 %.")
+            graded(explained=known).conclusion().splitlines()[1].endswith("(81 to 92 %), processes 13 %, noise <1 %.")
         )
 
     def test_when_a_named_mechanism_acts_is_part_of_the_answer(self) -> None:
@@ -382,7 +392,8 @@ class TestPython:
             RecordError(name=name, value=value, std_error=error, units="1", tolerance=7e-5)
             for name, (value, error) in known.items()
         )
-        said = "Errors of the record, significant and within their tolerances: trim C_m0 4.00×10⁻⁵ ± 2.0×10⁻⁶."
+        said = "Errors of the record, significant and within 2.9 tolerances, the bound of so many: trim C_m0 "
+        said += "4.00×10⁻⁵ ± 2.0×10⁻⁶."
         assert within_text(errors) == said
         assert within_text(errors[1:]) == ""
 
