@@ -55,10 +55,8 @@ def report_to(progress: Progress | None) -> Report:
             bar.set_description_str(text)
 
     elif not callable(move):
-        raise UsageError(
-            f"got progress of type {type(progress).__name__}, expected a function of the fraction done (or None) and a "
-            "text, a rich Progress or a tqdm bar. For example progress=print."
-        )
+        expected = "a function of fraction and text, such as print, a rich Progress or a tqdm bar"
+        raise UsageError(f"got progress of type {type(progress).__name__}, expected {expected}.")
 
     def report(fraction: float | None, text: str) -> None:
         log.info(text if fraction is None else f"{text} ({100.0 * fraction:.0f} % done)")

@@ -66,9 +66,7 @@ def collinear_groups(names: Sequence[str], covariance: FloatArray) -> tuple[tupl
 
 
 def intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
-    """Net values of a fit's selected columns, interval by interval in the time that knots are given in, and what
-    mechanisms derive from them; ramps at the middle of theirs.
-    """
+    """Net values of a fit's selected columns by interval, and what follows from them; ramps at the middle of theirs."""
     if not fit.selected:
         return ()
     time = fit.frame.coefficient_time

@@ -350,9 +350,7 @@ def explained(judged: Judged) -> Explained:
 
 
 def processes(own: Evidence) -> tuple[ProcessEstimate, ...]:
-    """Every process beside a hypothesis, the largest share of the moment first: of errors of record and air that of the
-    rates that they make in those of the static moment.
-    """
+    """Every process beside a hypothesis, largest share of the moment first; of record and air by the rates made."""
     rows, found = own.rows, list[ProcessEstimate]()
     every: tuple[Process, ...] = (*record_processes(), *moment_processes())
     known = {each.name: each for each in every}

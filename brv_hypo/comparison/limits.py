@@ -37,9 +37,7 @@ _SURELY = 3.0  # standard errors beyond a bound of 0, from which a region's sign
 
 @dataclass(frozen=True)
 class Shape:
-    """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram, which
-    is None of the likeliest alone.
-    """
+    """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), information, moments' Gram or None."""
 
     peak: float
     estimate: FloatArray

@@ -96,9 +96,7 @@ class NetInterval(NullIsNaN):
 
     @property
     def acts(self) -> bool:
-        """Whether a value is more than two standard errors, or makes up for a delay, together with which it may be;
-        not a direction, which has one at any size.
-        """
+        """Whether a value is beyond two standard errors, or may be with one it makes up for; not a direction."""
         known = any(abs(each.value) > 2.0 * each.std_error for each in self.values if each.units != "rad")
         names = {each.name for each in self.values}
         return known or not all(names.issuperset(group) for group in self.collinear_groups)
@@ -275,9 +273,7 @@ class RecordError(NullIsNaN):
 
     @property
     def sigmas(self) -> float:
-        """Its value over the standard deviation of fitted values where the tolerance is right: what the data hardly
-        determine is fitted near nothing, however large it is.
-        """
+        """Its value over the standard deviation of fitted ones: small where the data hardly determine it."""
         alone = self.value if np.isnan(self.without_tolerance) else self.without_tolerance
         return math.sqrt(max(self.value * alone, 0.0)) / self.tolerance
 
@@ -389,12 +385,9 @@ class Series(MotionHistories):
     sigma: tuple[float, ...]
     fitted: dict[str, Moments]
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
-    """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled.
-    """
+    """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g., measured and modelled."""
     residuals: dict[str, Moments] = Field(default_factory=dict)
-    """Of some hypotheses, the leader among them, with their processes and errors of the record: as `measured`, less all
-    that is estimated.
-    """
+    """Of some hypotheses, the leader among them, with their processes and errors of the record: as `measured`."""
     alone: tuple[Moments, ...] = ()
     """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; what it
     makes; and that with the moments of processes. Empty where none was compared.

@@ -153,9 +153,7 @@ def decide(
     other_prior: float = OTHER_PRIOR,
     confirmed: float = 1.0,
 ) -> Decision:
-    """The rules; `confirmed` is the share of repetitions that have the same leader. What a leader that cannot be
-    explains, something outside the list does.
-    """
+    """The rules; `confirmed`: share of repetitions with this leader. Something outside the list explains the rest."""
     leader = max(listed, key=lambda candidate: candidate.level)
     levels = {candidate.name: candidate.level for candidate in listed}
     chances = probabilities(levels, [candidate.level for candidate in outside], other_prior)

@@ -26,8 +26,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
 
-# Differences of this order pass white noise and cut a motion of 14 samples per cycle by five decades: the one estimate
-# of a channel's white noise.
+# Differences of this order, for a channel's white noise, cut a motion of 14 samples per cycle by five decades.
 NOISE_DIFFERENCES = 8
 
 MAD_TO_SIGMA = 1.4826

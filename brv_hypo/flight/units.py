@@ -35,8 +35,7 @@ Dimension = Literal[
     "dimensionless",
 ]
 
-# Units that recorders write, by dimension: SI, then the likelier first, each with the words for it at the end of a
-# column's name.
+# Units that recorders write, by dimension: SI, then the likelier first, each with the words that end a column's name.
 RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
     "time": {
         "s": ("s", "sec"),

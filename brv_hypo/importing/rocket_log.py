@@ -62,8 +62,7 @@ ASCENT_STEEP, ASCENT_END = 0.5, 0.25  # cosine of the lean near the top, left ou
 ASCENT_REPEATS, ASCENT_DEGREES_OF_FREEDOM = (8, 4.0)  # rounds; of Student's t: altitudes off the climb count less
 ASCENT_GYROS_OFF = 3.0  # times the altitudes are missed by more with the lean of the gyros, which are then in doubt
 ASCENT_FEWEST = 20  # samples with force and altitude
-# Samples that a cycle of the transverse oscillation keeps: a moment is differentiated from its rates, and delays are
-# shorter than a cycle.
+# Samples that a transverse cycle keeps: a moment is differentiated from its rates, delays are shorter than a cycle.
 DECIMATED_PER_CYCLE = 30.0
 DECIMATED_FEWEST = 500.0  # samples of a window, if it has them, before the ends of the filter are left out
 DECIMATED_WORTH = 1.3  # times the requested rate, below which a filter costs more than it saves

@@ -5,8 +5,7 @@
         [           M_f    S_f ]
 
 Their normal equations are bordered block diagonal: each flight's columns are eliminated by themselves, then what all
-flights share, so that time and memory grow as the number of flights (Golub and Van Loan, Matrix Computations, 2013,
-section 4.5).
+flights share, so that time and memory grow as the number of flights (Golub and Van Loan 2013, section 4.5).
 """
 
 from __future__ import annotations

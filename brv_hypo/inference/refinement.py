@@ -19,8 +19,7 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.model.term import Regressor, TimeBasis
 
-# Bound the time; held by `tests.studies.independent.study` (how often the truth wins where the ideal-observer bound
-# separates it from rivals).
+# Bound the time; held by `tests.studies.independent.study` (how often the truth wins where it can).
 SCANNED = 7  # values of a parameter that are tried before Gauss-Newton
 SCANNED_FACTOR = 1.6  # of a theta either way
 REFINED_WIDTH = 2e-3  # half the width of differences by knots and delays, of their bounds

@@ -5,8 +5,7 @@ begun at the first file and kept, runs `reader(path, budget, ...)` and sends bac
 if the worker ends, the file is refused and the next one gets a new worker. Entrance: `read_in_sandbox`.
 
 The worker is a plain child and no process of `multiprocessing` or loky: these import the user's main script again,
-which a notebook or a script without a guard does not survive, or take 0.3 s more to start; and neither may be begun
-by a daemonic worker of a pool.
+which a notebook or a script without a guard does not survive, or take 0.3 s more; no daemonic worker may begin either.
 """
 
 from __future__ import annotations

@@ -150,9 +150,8 @@ def percents(parts: Sequence[float], digits: int) -> list[str]:
     """Parts of a whole in percent, without the sign; what rounding lacks for 100 is in the largest."""
     rounded = [round(100.0 * part, digits) for part in parts]
     rounded[list(parts).index(max(parts))] += 100.0 - sum(rounded)
-    least = 10.0**-digits
-    shown = zip(parts, rounded, strict=True)
-    return [f"<{least:g}" if part > 0.0 and size < 0.5 * least else f"{size:.{digits}f}" for part, size in shown]
+    least, pairs = 10.0**-digits, zip(parts, rounded, strict=True)
+    return [f"<{least:g}" if part > 0.0 and size < 0.5 * least else f"{size:.{digits}f}" for part, size in pairs]
 
 
 def below_noise(ratio: float) -> str:

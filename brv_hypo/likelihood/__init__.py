@@ -9,8 +9,7 @@
 
 In the order of the data: segment (checked input), collocation (complex step or central differences; Hermite-Simpson
 defects), elimination (of the states), gauss_newton (step, line search, extrapolation), statistics (noise; standard
-errors), filter_error (process noise), search, result (and what cannot be trusted), starts (starting points, long gaps,
-finer meshes), fit.
+errors), filter_error (process noise), search, result (and what cannot be trusted), starts (starting points), fit.
 """
 
 from brv_hypo.likelihood.collocation import Delayed, Differenced

@@ -119,9 +119,7 @@ def information_factor(segments: Segments, p: int) -> FloatArray:
 def gauss_newton_step(
     problem: Problem, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
 ) -> Step:
-    """The step that minimises the linearised problem within the bounds. `gradient` (p,) is that of a further term of
-    the objective; `frozen` leaves theta where it is.
-    """
+    """The linearised problem's least step within bounds; `gradient` (p,): of a further term; `frozen`: theta stays."""
     parameters = problem.parameters
     p = len(parameters.names)
     data = information_factor(segments, p)

@@ -114,9 +114,7 @@ def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, numbe
 
 
 Hold = Literal["zero", "linear", "cubic"]
-"""An input between samples: as at the last one, jumping at the next as a digital controller's does, or on a straight
-line, or on a cubic.
-"""
+"""An input between samples: as at the last one, jumping at the next, on a straight line, or on a cubic."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +134,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Grid:
-    """A segment made ready: n samples, the n - 1 midpoints between them and, where inputs jump at the samples, the
-    n - 1 ends of the intervals, before the jump.
-    """
+    """A segment made ready: n samples, the n - 1 midpoints, and where inputs jump the n - 1 ends before the jump."""
 
     t: FloatArray  # times of samples, midpoints and ends, in that order, (2 n - 1,) or (3 n - 2,), s
     u: FloatArray  # inputs there, (n_inputs, times)

@@ -202,9 +202,7 @@ def bridged(
 
 
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
-    """Guesses of the noise variances (n_outputs,), by where they are from, of outputs (n_outputs, n), nan in gaps; the
-    smallest first, which is right for a right model.
-    """
+    """Guesses of noise variances (n_outputs,), by source, of outputs (n_outputs, n), nan in gaps; smallest first."""
     variances = [1.0 if np.isnan(row).all() else np.nanvar(row) for row in y]
     unsmooth = np.zeros(len(y))  # about the running mean
     for i, row in enumerate(y):

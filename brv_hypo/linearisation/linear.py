@@ -7,8 +7,7 @@ from scipy.linalg import solve_triangular
 
 from brv_hypo.arrays import FloatArray
 
-# Share of a column's square below which what a projection leaves of it is rounding; the same for directions of unit
-# columns in normal equations.
+# Share of a column's square below which what a projection leaves is rounding; also of unit columns' directions.
 _SPENT = 1e-12
 _ROUNDING = 1e-14  # some 45 units of double precision's rounding
 _SHORT = 1e-5  # of the longest direction, of which products keep half their digits

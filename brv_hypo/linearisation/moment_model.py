@@ -1,8 +1,7 @@
 """The moment of a model on a flight's motion, and on records that move a little otherwise.
 
 Mechanisms work elementwise (`Motion`): a moment is a function of what the motion is at that instant, and its slopes by
-each of these quantities, found once, serve every change of the record. What is made of the past has none, and is
-evaluated anew for each.
+each of these quantities, found once, serve every change of the record. What is made of the past has none.
 """
 
 from __future__ import annotations

@@ -28,10 +28,7 @@ from brv_hypo.motion.motion import Motion
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 _ENGINE = Path(__file__).resolve().parents[1]
 
-_ALONE = (
-    "Each sample is evaluated alone, in arrays of any shape: use no cumulative sum, gradient or mean of samples, and "
-    "for the past `motion.delayed(tau)`."
-)
+_ALONE = "Each sample is evaluated alone: use no cumulative sum, gradient or mean; the past is `motion.delayed(tau)`."
 
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)
 Data = TypeVar("Data", bound=Motion | Flight)

@@ -6,8 +6,7 @@ simulator evaluates them at the running state; the residual loop tries them agai
 other kind of hypothesis: a perturbation of the record.
 
 A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements a hook, or both:
-`brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one instance
-of each, with default options.
+`brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one of each.
 
     class Ablation(Mechanism):
         name, title = "ablation", "moment from uneven ablation"
@@ -211,8 +210,7 @@ class RecordEffect(BaseModel, ABC):
     family: ClassVar[str] = "data quality"  # one of `FAMILIES`: whose residual it would explain
     carried: ClassVar[bool] = True
     """Whether it is part of every hypothesis, with the prior that the tolerances in `components` give it; of another
-    distribution where its file (`--plugin`) or its name is given. False for events that are hypotheses of their own,
-    as a step of the wind."""
+    distribution where its file (`--plugin`) or its name is given. False for hypotheses of their own, as wind steps."""
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """The effect with each setting to try on this flight, such as an unknown time; itself by default."""

@@ -113,9 +113,7 @@ class Installed:
 
 
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
-    """Load these .py and .yaml files beside what is installed, instead of an earlier call's. UsageError or
-    MechanismError for what cannot be used, and an earlier call's files stay.
-    """
+    """Load these .py and .yaml files in place of an earlier call's, which stay where one cannot be used (an error)."""
     global _files
     earlier, _files = _files, tuple(str(Path(path).absolute()) for path in paths)
     _loaded.cache_clear()

@@ -159,8 +159,7 @@ class StaticBend(DesignMoment):
 
 # The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
 # cosines over the range flown with the variances of its spectral density are near it (Solin and Sarkka, Stat. Comput.
-# 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can
-# tell for other effects.
+# 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, for a short flight to tell other effects.
 SCHEDULE_LENGTH = 0.7
 SCHEDULE_SMALLEST = 3e-3  # of the first term's prior, below which a term says nothing
 SCHEDULE_NOTHING = 1e-3  # of the process's own size, the same

@@ -96,9 +96,7 @@ def _derolled(reconstruction: Reconstruction, roll_rate: FloatArray) -> tuple[Fl
 
 
 def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
-    """The shapes (coefficients, shapes) up to the last that is significant in the rates, which one changes by a `share`
-    (shapes,) of them times its own size.
-    """
+    """The shapes (coefficients, shapes) to the last that is significant in the rates, which one changes by `share`."""
     motion = reconstruction.motion
     rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))
     noise = reconstruction.gyro_sigma / np.sqrt(motion.time.size)

@@ -97,9 +97,7 @@ def angle_known(sigma: float) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction(HasCharts, Histories):
-    """Wind-relative motion and moments of one flight of n samples. The motion is on the gyros' clock, which may be late
-    against time by its tolerance.
-    """
+    """Wind-relative motion and moments of one flight of n samples, on the gyros' clock, within tolerance of time."""
 
     flight: Flight  # the record as it was reconstructed
     method: Method  # that of the reconstruction

@@ -150,9 +150,7 @@ def half_steps(
 
 @dataclass(frozen=True)
 class EffectResponses:
-    """Changes of what the record says, for an error of each of k effects of one standard deviation. The truth lies
-    below the record by that much, times the error.
-    """
+    """Changes of the record for an error of each of k effects of one sigma; the truth lies below by that, times it."""
 
     effects: tuple[Perturbation, ...]  # the k effects
     rows: DecimatedGrid  # the samples that are kept

@@ -82,9 +82,7 @@ Series = tuple[float, ...]
 
 
 class Band(NullIsNaN):
-    """The predictive band of the moments. Record and vehicle err within their tolerances, by what this flight shows:
-    that is no error of the model.
-    """
+    """The predictive band of the moments; record and vehicle err within their tolerances, by what this flight shows."""
 
     level: float = Field(description="of the prediction interval, noise included")
     inside: float = Field(description="share of the samples in it, where the model's flights flew")
@@ -96,9 +94,7 @@ class Band(NullIsNaN):
 
 
 class Prediction(HasCharts, Result):
-    """What a frozen model says of a flight. It is refused where a `local_change` of slope or damping or a `difference`
-    is more than chance makes it.
-    """
+    """What a frozen model says of a flight; refused where a `local_change` or `difference` is beyond chance."""
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema", description="`brv-hypo/predict/1`")
     flight: FlightSummary = Field(description="predicted")
@@ -184,8 +180,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
             f" Over the whole record its error is {left:.3g} of the mean square, errors of record and vehicle (trim "
-            "among them) assumed zero; tests and interval have them fitted within their tolerances. "
-            f"`--refit {remedy}` lets this flight have its own."
+            f"too) assumed zero, which tests and interval fit; `--refit {remedy}` lets this flight have its own."
         )
     overlap = f" It was estimated from {percent_of(found.of_own)} of this very record, which is not counted."
     own_part = overlap if 0.0 < found.of_own < 1.0 else ""

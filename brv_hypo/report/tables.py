@@ -279,14 +279,10 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
 
 def size_table(comparison: result.Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
+    null = "baseline only"
     rows = [
-        {
-            "terms": str(each.n_terms),
-            "k": str(each.n_coefficients),
-            "C_p": number(each.cp),
-            "best": ", ".join(each.terms) or "baseline only",
-        }
-        for each in comparison.best_by_size
+        {"terms": str(e.n_terms), "k": str(e.n_coefficients), "C_p": number(e.cp), "best": ", ".join(e.terms) or null}
+        for e in comparison.best_by_size
     ]
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 

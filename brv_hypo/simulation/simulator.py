@@ -2,8 +2,7 @@
 
 Nodes of the integration are uniform, with every jump and kink of the moments added; steps are cut where the windward
 meridian turns fast. Mechanisms with delays are given cubic Hermite interpolation of the motion so far
-(`Trajectory.past`). `SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate` is
-the entrance.
+(`Trajectory.past`). `SimulatedFlight` holds what instruments say and, apart, the truth. Entrance: `simulate`.
 """
 
 from __future__ import annotations

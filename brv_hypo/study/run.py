@@ -2,8 +2,7 @@
 
 `fly` simulates one flight with a planted mechanism, compares on it and gives an `Outcome`; a flight that fails is an
 outcome with its reason. `Store` keeps outcomes in an SQLite database for one process: every flight is committed as soon
-as it is known, and an interrupted study goes on with the others. `spread` calls a function on every item, with joblib
-(loky) or Dask.
+as it is known, and an interrupted study goes on with the others. `spread` uses joblib (loky) or Dask.
 """
 
 from __future__ import annotations

@@ -231,8 +231,7 @@ class StudySummary(Statistic):
     """What a study found.
 
     `visible` statistics are over flights with nothing planted or with an effect of at least `visible_effect`;
-    the others over all that were compared. Flights whose records were corrupted are counted in `faults`, and in
-    nothing else but `flights`.
+    the others over all that were compared. Flights whose records were corrupted count in `flights` and `faults` alone.
     """
 
     schema_: str = Field(default="brv-hypo/study/1", alias="schema", description="`brv-hypo/study/1`")

@@ -1,8 +1,7 @@
 """`best_subsets` and `best_columns`, the entrances to the exact search; what they return, and how they search.
 
 Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as compiling
-it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal,
-and so do searches with rules.
+it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, as do searches with rules.
 """
 
 from __future__ import annotations

@@ -66,8 +66,7 @@ _POWERS: dict[Axis, Sequence[int]] = {  # of alpha, that the baseline lacks
 _POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
-# Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
-# would describe better.
+# Widths of a step, of the way to the next place: a sharp one leaves what several jumps would describe better.
 _WIDTHS = {0.1: "", 0.3: " that is gradual", 1.0: " that is slow"}
 # What a single flight cannot separate comes in this order: a slope that changes along an entry is first of all a
 # function of Mach number, and nothing that follows the record's time can be said of another flight.

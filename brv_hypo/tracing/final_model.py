@@ -269,8 +269,7 @@ def model_error(data: Corrected, left: ResidualMoments) -> ModelError:
     share = effective_samples(normal) / sum(rows.size for rows in kept)
     freedom = share * np.array([np.sum(left.usable[rows]) for rows in groups])
     found, noise = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in groups]).T
-    # Of a mean square with so many degrees of freedom, were it noise alone; of all of them the largest exceeds what
-    # chance gives one.
+    # Of a mean square of noise alone with so many degrees of freedom, as the largest of all is beyond one's chance.
     most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(groups), freedom) / freedom
     beyond = np.sqrt(np.where(found > most, found - noise, 0.0))
     return ModelError(mach=tuple(places.tolist()) if apart else (), own=tuple(beyond.tolist()))

@@ -197,8 +197,7 @@ class DynamicImbalance(Aerodynamic):
     """C_m += (J_y (p^2 - r^2) + J_z (pdot + q r)) / q_inf, C_n += (J_y (q r - pdot) + J_z (p^2 - q^2)) / q_inf.
 
     J_y = -I_xz / (S d), J_z = I_xy / (S d): Euler's equations with products of inertia, to first order in them. The
-    normal force on a c.g. off the axis rolls the vehicle in time with its coning: pdot then looks like a moment that
-    goes with alpha.
+    normal force on a c.g. off the axis rolls the vehicle in time with its coning: pdot then looks like one by alpha.
     """
 
     name, title, stated_family = "dynamic_imbalance", "dynamic imbalance (product of inertia)", "body"

@@ -280,8 +280,7 @@ WIND_HALF_WAVES = 5  # at least
 WIND_HALF_WAVE_HEIGHT = 2000.0  # m
 WIND_MOST_HALF_WAVES = 24  # at most
 # Instants at which a step of the wind is tried first: the attitude's own errors follow all of it but what happens
-# within a part of a second, so that one a grid's step away looks like nothing (with 16, `tests.independent.loop_study`
-# had 3 of 4 misnamed).
+# within a part of a second, so that one a grid's step away looks like nothing (with 16, 3 of 4 were misnamed).
 WIND_STEP_INSTANTS = 48
 WIND_STEP_CLOSER = 7  # instants tried next, over 3/4 of the spacing to either side
 

@@ -12,8 +12,7 @@ from brv_hypo.motion.motion import Motion
 
 
 class Sticking(Mechanism):
-    """C_Z' += eps C_mw(t - tau) sin(phi_w(t) - phi_w(t - tau)), for one delay tau of Eq. 5.1: two that are near make up
-    for one another.
+    """C_Z' += eps C_mw(t - tau) sin(phi_w(t) - phi_w(t - tau)), for one delay of Eq. 5.1: near ones are alike.
 
     `complete` adds the in-plane part that Eq. 5.1 leaves out, eps (C_mw(t - tau) cos(dphi) - C_mw(t)).
     """

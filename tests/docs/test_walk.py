@@ -24,7 +24,7 @@ class Noted(Walk):
     ("task", "expected"),
     [
         ("demo", ["demo"]),
-        ("mechanism", [*("mechanisms", "simulate", "compare", "compare"), "mechanisms", "simulate", "compare", "compare"]),
+        ("mechanism", [*["mechanisms", "simulate", "compare", "compare"] * 2]),
         ("effect", ["mechanisms", "mechanisms", "python", "trace"]),
         ("sisters", ["simulate", "trace", "simulate", "predict"]),
         ("seed", ["simulate", "inspect", "compare"]),

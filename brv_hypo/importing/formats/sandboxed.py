@@ -5,8 +5,7 @@ cats   CATS Vega, .cfl: text to the first zero, then records of a stamp in ms, a
 px4    PX4, .ulg, by pyulog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html): the topics of TOPICS
 
 A log's messages of several sensors, each with stamps of its own, make one table: it has the stamps of the first
-inertial unit; other values lie on straight lines between theirs. Columns are called as channels; those of a further
-unit end in `_2`.
+inertial unit; other values lie on straight lines between theirs. Columns of a further unit end in `_2`.
 """
 
 from __future__ import annotations

@@ -19,9 +19,7 @@ from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses,
 def velocity(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> WindHistory:
-    """v and w by Eq. 3.1, speed by the record; gravity is found with the start. The equation is neutrally stable: what
-    the start and the gyros err by stays.
-    """
+    """v and w by Eq. 3.1, speed by the record, gravity with the start; errors of start and gyros stay."""
     return from_nose(record, perturbations, forces=True)
 
 
