@@ -244,6 +244,8 @@ class TestXarray:
         result = request.getfixturevalue(name)
         data, frame = result.to_xarray(), result.to_dataframe()
         assert set(frame.columns) <= set(data.variables)
+        assert {str(frame[key].dtype) for key in frame.columns.intersection(["rank", "n_terms"])} <= {"Int64"}
+        assert not any(str(data[key].dtype) == "Int64" for key in data.variables)
         assert data.attrs["title"] == result.headline()
         assert set(data.sizes.values()) == {len(frame)}
 

@@ -75,8 +75,7 @@ def probabilities(
     levels: Mapping[str, float], others: Sequence[float] = (), other_prior: float = OTHER_PRIOR
 ) -> dict[str, float]:
     """Posterior probabilities of hypotheses with these log evidences (Kass and Raftery 1995). Half of the prior that
-    `others`, which share `other_prior`, do not have is the baseline's, so that a longer list takes nothing from it;
-    mechanisms share the rest.
+    `others`, which share `other_prior`, do not have is the baseline's, whatever the list; mechanisms share the rest.
     """
     rivals = sum(name != NONE for name in levels)
     half = 0.5 if NONE in levels and rivals else 1.0

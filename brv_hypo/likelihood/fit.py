@@ -88,8 +88,7 @@ def fit(
     Raises
     ------
     UsageError
-        Arguments do not fit together: shapes, names, bounds, delays with process noise, functions that are not finite
-        at the start.
+        Arguments do not fit together: shapes, names, bounds, delays with process noise, infinite at the start.
 
     Examples
     --------

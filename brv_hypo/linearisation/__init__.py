@@ -3,6 +3,5 @@
 frame.py       moments integrated to rates, so that no differentiation colours the noise
 channels.py    rates and force, parts of a record, their noise and its filter
 moment_model.py    the moment of a model, and its slopes
-response.py    the motion to linearise about, and what a change of the record does to the residual; nuisance.py the
-               nuisance effects
+response.py    the motion to linearise about, what a change of the record does; nuisance.py: nuisance effects
 """

@@ -4,8 +4,7 @@
 of a few sines (Karhunen-Loeve): a fit moves both. `LinearisedFlight` propagates from the reconstruction's
 start: attitude from the gyros, velocity from forces, gravity and wind. What the reconstruction estimates (direction of
 the velocity at the start, gravity, the walk) enters the regression as unknowns with their priors, so that the answer to
-a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the motion's
-errors pose as an effect.
+a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the reverse.
 """
 
 from __future__ import annotations

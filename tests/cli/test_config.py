@@ -15,6 +15,7 @@ from brv_hypo.docs.manual import RESULTS, generated
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.inspection import inspect_flight
 from brv_hypo.flight.record import RecordTrial
+from brv_hypo.flight.tolerances import instruments_from, of_grade
 from brv_hypo.mechanisms import installed
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.report.listings import inspection_data, listing_data, simulation_data
@@ -117,6 +118,18 @@ def test_a_new_simulation_and_study_are_read(brv_hypo, tmp_path):
         assert brv_hypo("config", "new", kind, "-o", f"my_{kind}.yaml", cwd=tmp_path).returncode == 0
     assert load_config(tmp_path / "my_simulate.yaml").duration > 0.0
     assert read_study(tmp_path / "my_study.yaml").flights > 0
+
+
+def test_tolerances_that_come_along_can_be_written_and_used(brv_hypo, tmp_path):
+    done = brv_hypo("config", "new", "opportunity", cwd=tmp_path)
+    assert "--instruments opportunity.yaml" in done.stdout
+    known = of_grade("tactical")
+    assert instruments_from(tmp_path / "opportunity.yaml", known) == instruments_from("opportunity", known)
+
+
+def test_a_plant_of_none_says_how_to_plant_nothing():
+    with pytest.raises(UsageError, match="leave --plant out to plant nothing"):
+        load_config("research_cone", plant="none")
 
 
 def test_an_existing_file_is_kept_unless_forced(brv_hypo, tmp_path):

@@ -266,6 +266,9 @@ def test_units_that_nothing_states_are_doubted(tmp_path: Path, struct: str) -> N
     assert found["q"]["column"] == (f"{struct}." if struct else "") + "gyro_y"
     assert any("units of" in doubt and "acc_x" in doubt for doubt in guess.unsure)
     assert next(doubt for doubt in guess.unsure if "gyro_x" in doubt).endswith("deg/s is a guess")
+    assert any("no rest" in doubt for doubt in guess.unsure)
+    stated = {f"{name}_G" if name.startswith("acc") else name: values for name, values in columns.items()}
+    assert not any("no rest" in doubt for doubt in guess_map(write_csv(tmp_path / "log.csv", stated)).unsure)
 
 
 @pytest.mark.parametrize(
