@@ -237,6 +237,13 @@ class TestPlot:
             compared.plot()
 
 
+def test_rows_of_a_trace_have_the_same_columns_where_nothing_was_added(traced) -> None:
+    last = traced.steps[-1].model_copy(update={"added": None, "error_after": None})
+    rows = traced.model_copy(update={"steps": (*traced.steps, last)}).rows()
+    assert len({tuple(row) for row in rows}) == 1
+    assert rows[-1]["fit_after"] is None
+
+
 class TestXarray:
     @pytest.mark.parametrize("name", RESULTS)
     def test_a_data_set_has_the_columns_of_the_data_frame(self, name, request) -> None:

@@ -265,7 +265,7 @@ class Trace(HasCharts, Result):
             {"step": step.step, "added": step.added, "standing": step.status, "named_in": step.named_in}
             | {"residual_rms": step.residual.rms, "white": step.residual.white}
             | {f"{k}_before": value for k, value in step.error_before}
-            | {f"{k}_after": value for k, value in step.error_after or ()}
+            | {f"{k}_after": getattr(step.error_after, k, None) for k, _ in step.error_before}
             | {"error_ratio_held_out": step.error_ratio_held_out}
             for step in self.steps
         ]
