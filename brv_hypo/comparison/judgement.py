@@ -103,10 +103,9 @@ class Judged:
 
     @property
     def absolute(self) -> float:
-        """Log evidence of the leader under the noise of the record, whatever the problem is linear about."""
-        return possible_level((self.fits[self.leader], self.evidences[self.leader])) - self.rows.size * math.log(
-            self.rows.noise_ratio
-        )
+        """Log evidence of the leader, but for a constant of the record: rows of either channel are over their noise."""
+        pair, noise = (self.fits[self.leader], self.evidences[self.leader]), self.rows.problem.rows.noise
+        return possible_level(pair) - 0.5 * self.rows.size * math.log(noise.rates.sigma * noise.force.sigma)
 
     @property
     def misfit(self) -> float:

@@ -89,7 +89,7 @@ def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo
         assert abs(estimate["value"] - PLANTED) < max(4.0 * estimate["std_error"], 0.1 * PLANTED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unrequested, tmp_path):
     by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
     plugin(tmp_path, "drifting", written(tmp_path).read_text())

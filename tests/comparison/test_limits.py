@@ -66,8 +66,8 @@ def test_a_mechanism_that_is_not_there_has_little_room() -> None:
     assert np.hypot(*limit.coefficients_95.values()) < 0.02 * np.hypot(8e-4, 3e-4)  # as it is planted
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", [88341, pytest.param(88362, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [88341, 88362])
 def test_a_moment_that_acts_always_beside_the_leader_is_within_the_limit(seed: int) -> None:
     """Trim takes it up. The best of many regions in noise excluded it: the limit was a hundredth of it."""
     sticking = {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.5}, "start": 3.0, "stop": 5.5}

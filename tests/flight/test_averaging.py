@@ -61,7 +61,7 @@ def test_no_mean_reaches_into_a_gap(gap: tuple[int, int]) -> None:
         assert b - a - (last - first) * every < 2 * every
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_motion_of_the_means_is_that_of_the_record_within_its_noise() -> None:
     """Coning and spin are damped alike in all channels: alpha keeps its size."""
     flight = finer(flights([], 1_201, ["none"])["none"], SAMPLES)

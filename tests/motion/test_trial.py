@@ -210,3 +210,12 @@ def test_a_comparison_is_refused_by_the_flight_that_is_at_fault_and_its_fault(fl
     assert found.verdict.reason.startswith("The record of second.h5 contradicts itself (sign: q;")
     assert found.verdict.reason.endswith("correct the map. `compare --accept-record` compares it nevertheless.")
     assert not any("--accept-record" in fault.action for fault in found.record.faults)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "number", "world"), [(1201008, 8, "one"), (1202000, 0, "all"), (1202003, 3, "all")])
+def test_a_record_of_any_vehicle_has_no_fault(seed: int, number: int, world: str) -> None:
+    """Trim that mean spin and drag lean by nearly alike; swings of a slender body that are no thrust."""
+    made, _, _ = drawn_flight(seed, number, "tactical", world, drawn=True)
+    _, trial = try_record(made.flight)
+    assert trial.sound, [fault.action for fault in trial.faults]

@@ -13,10 +13,8 @@ from tests.studies.independent.study import MIXED, drawn_flight
 FIRST = 121000
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("seed", "truth"), [(121013, "damping"), pytest.param(121041, "sticking", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "truth"), [(121013, "damping"), (121041, "sticking")])
 def test_the_ends_of_a_record_do_not_shift_the_clock(seed: int, truth: str) -> None:
     """A unit shifted as a whole differs from one that is not at its ends alone, where it has to be continued: they
     were fitted with 5 to 8 tolerances of gyros and accelerometers late together, and nothing was adequate.

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.motion.compatibility import try_record
 from tests.studies.independent.flights import make_flight
-from tests.studies.independent.imperfect_study import Outcome, count, drawn_flight, report
+from tests.studies.independent.imperfect_study import Outcome, count, report
 from tests.studies.independent.imperfections import KINDS, lines, none, ordinary
 from tests.studies.independent.mechanisms import Planted
 from tests.studies.independent.vehicles import BICONIC, CONE
@@ -41,15 +40,6 @@ def test_a_random_history_has_the_requested_size() -> None:
     assert np.sqrt(np.mean(values**2)) == pytest.approx(2.0, rel=0.1)
     ahead, behind, rate = history.at(3.0 + 1e-6)[0], history.at(3.0 - 1e-6)[0], history.at(3.0)[1]
     assert (ahead - behind) / 2e-6 == pytest.approx(rate, rel=1e-5)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("seed", "number", "world"), [(1201008, 8, "one"), (1202000, 0, "all"), (1202003, 3, "all")])
-def test_a_record_of_any_vehicle_has_no_fault(seed: int, number: int, world: str) -> None:
-    """Trim that mean spin and drag lean by nearly alike; swings of a slender body that are no thrust."""
-    made, _, _ = drawn_flight(seed, number, "tactical", world, drawn=True)
-    _, trial = try_record(made.flight)
-    assert trial.sound, [fault.action for fault in trial.faults]
 
 
 @pytest.mark.parametrize("onset", [0.0, 0.4])
