@@ -1,7 +1,7 @@
 """Every hypothesis beside processes: fits with the errors of one evidence, and what the leader explains.
 
 The search knows no processes. About its leader the record is linearised once more with all of them, and every
-hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrances: `judged`, `outside`.
+hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrances: `searched`, `outside`.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Judged:
     Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
     """
     elsewhere: Explained | None = None
-    """What the same leader explains about another motion that fits hardly worse, or better."""
+    """What the same leader explains about another motion, which is less likely."""
 
     @property
     def leader(self) -> int:

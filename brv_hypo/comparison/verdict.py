@@ -152,7 +152,7 @@ def decide(
     other_prior: float = OTHER_PRIOR,
     confirmed: float = 1.0,
 ) -> Decision:
-    """The rules; `confirmed`: share of repetitions with this leader. Something outside the list explains the rest."""
+    """The rules; `confirmed`: share of repetitions with this leader. An impossible leader's chance goes to `other`."""
     leader = max(listed, key=lambda candidate: candidate.level)
     levels = {candidate.name: candidate.level for candidate in listed}
     chances = probabilities(levels, [candidate.level for candidate in outside], other_prior)

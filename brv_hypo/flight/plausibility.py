@@ -186,7 +186,7 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
     if size < LEAST_TURNED:
         return None
     nose = np.asarray(turned / (-size if turned @ forces.sum(axis=1) > 0.0 else size))  # drag points backward
-    tilts, steps = np.zeros((len(COAST_PARTS), 2)), [np.inf]
+    tilts, step = np.zeros((len(COAST_PARTS), 2)), np.inf
     for _ in range(COAST_ROUNDS):
         matrix = Tilt(nose, 0.0).matrix
         omega = matrix @ rates
@@ -210,12 +210,12 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
         apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
         lean = np.hypot(SPIN_OFF, ARM_OFF * float(np.mean(omega[0] ** 2)) / abs(float(np.mean(force[0]))))
         sigma = float(np.hypot(apart, np.hypot(times * SPIN_OFF, lean) / abs(times - 1.0)))
-        steps.append(float(np.linalg.norm(tilts[-1])))
-        if steps[-1] < sigma or steps[-1] > steps[-2]:
+        last, step = step, float(np.linalg.norm(tilts[-1]))
+        if step < sigma or step > last:
             break
         nose = np.asarray(matrix.T @ np.array([1.0, *tilts[-1]]))
         nose /= np.linalg.norm(nose)
-    return Tilt(nose, sigma if steps[-1] < sigma else sigma + steps[-1], "mean spin and drag")  # else not converged
+    return Tilt(nose, sigma if step < sigma else sigma + step, "mean spin and drag")  # else not converged
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----

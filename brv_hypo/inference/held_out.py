@@ -57,7 +57,7 @@ class _Flight:
         unknowns, items, groups = problem.rows.unknowns, problem.rows.nuisances.items, rows.groups
         own, ranges, of_row = unknowns.own[number], unknowns.ranges[number], block_of_whitened_row(problem, count)
         rates = rates_of_processes(rows.frame, moment_processes(), number, rows.moment)
-        made = np.concatenate([rows.modelled[rows.frame.flight_of_row == number, np.newaxis][:, :0], *rates], axis=1)
+        made = np.concatenate([np.zeros((np.sum(rows.frame.flight_of_row == number), 0)), *rates], axis=1)
         white = problem.rows.of_flights[number].white_moments(made)
         whole = np.concatenate([own, np.zeros((own.shape[0], made.shape[1]))], axis=1)
         whole[: white.shape[0], own.shape[1] :] = white
