@@ -155,13 +155,12 @@ FORCE_UNEXPLAINED = threshold((0.1, 20.0), "1", "degraded: no motion has this fo
 
 # ---- Format of a record ----
 
-MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too short to use", _FORMAT)
+MINIMUM_SAMPLES = threshold(16, "samples", "a record, or its longest segment, is too short to use", _FORMAT)
 SLOWEST = threshold(0.1, "m/s", "a slower vehicle is at rest: its sample is refused", _FORMAT)
 SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
 LARGEST_PROPERTY = threshold(1e9, "SI", "a property of the vehicle is a fill value (or its inverse)", _FORMAT)
 TUMBLING_ALPHA = threshold(60.0, "deg", "beyond this a moment is nowhere near linear in the angle", _USABLE)
 TUMBLING_SHARE = threshold(0.05, "1", "of squared dynamic pressure beyond it: the flight is refused", _USABLE)
-LEAST_SEGMENT_SAMPLES = threshold(16, "samples", "the longest segment is too short to be integrated", _USABLE)
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
 
@@ -184,6 +183,7 @@ NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its o
 ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", "Kass and Raftery 1995: strong")
 MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)
 FURTHER_REGION = threshold(10.0, "nats", "a mechanism acts in a further region: twice very strong", _FLIGHTS)
+MOST_REGIONS = threshold(2, "1", "separate regions of a mechanism; more describe something else", _FLIGHTS)
 FAR_TOLERANCES = threshold(5.0, "1", "tolerances of an error beside which a cause is not established", _FLIGHTS)
 FAR_PROCESS = threshold(20.0, "1", "ordinary sizes of a process: far beyond them", "1.5 to 2 sigma of its prior")
 NORMAL_95 = threshold(1.96, "1", "standard deviations on either side that hold 95 %", "normal distribution")

@@ -207,7 +207,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     of_leader = max((each.share_of_moment for each in found if each.mechanism == leader.name), default=0.0)
     of_processes = math.hypot(*(each.share_of_moment for each in processes if each.is_of_moment))
     more = share.share > share.processes or of_leader > of_processes
-    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0)
+    regions = len(leader.regions) if leader.selected else 0
+    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0, regions)
     verdict = rules.judge(listed, instead, how, share, processes, other_prior)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)

@@ -22,7 +22,7 @@ from brv_hypo.comparison.result import (
     far_beyond,
 )
 from brv_hypo.io.text import error_share, hypothesis, percent
-from brv_hypo.thresholds import CREDIBLE_PROBABILITY, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
+from brv_hypo.thresholds import CREDIBLE_PROBABILITY, MOST_REGIONS, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 # Nats as they count beside small processes, from which a second mechanism is fitted: of two that act 200 to 9,000, of
@@ -58,6 +58,8 @@ class Fit:
     rows: int
     explains: float
     significant: bool = True
+    regions: int = 1
+    """Of the leader's terms, separate in time."""
 
     @property
     def p_value(self) -> float:
@@ -160,7 +162,7 @@ def decide(
     if leader.impossible is not None:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    explains = fit.explains > 0.0 and fit.significant
+    explains = fit.explains > 0.0 and fit.significant and fit.regions <= MOST_REGIONS
     predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
     certain = chances[leader.name] >= WINNING_PROBABILITY
@@ -295,6 +297,8 @@ def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit,
     elif not fit.significant:
         sizes = "" if found is None else f" ({percent(found.share)} %, these {percent(found.processes)} %)"
         lacks.append(f"explains less than processes do{sizes}")
+    if fit.regions > MOST_REGIONS:
+        lacks.append(f"acts in {fit.regions} separate regions, as a description of something else would")
     if np.sum(leader.held_out) <= np.sum(null.held_out):
         lacks.append("predicts stretches of the record from the others no better than baseline and processes")
     chance, other = verdict.probability[leader.name], verdict.probability[OTHER]

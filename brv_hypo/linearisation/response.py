@@ -150,6 +150,7 @@ def linearisation_point(
         moved,
         windward_meridian=np.unwrap(windward_meridian(after)),  # not next to that before: near alpha = 0 it is another
         roll_acceleration=SplineGrid.on(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
+        transverse_acceleration=record.rate_change,
         axial_share=axial_share(record, moved.alpha),
     )
     return record, replace(smooth, motion=recorded(moved))

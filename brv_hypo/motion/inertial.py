@@ -27,7 +27,7 @@ from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
 from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, white_noise_level
-from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
+from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 START_STEP = 1e-7  # rad, and of gravity's size, in derivatives by the start
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
@@ -116,10 +116,10 @@ class InertialRecord:
 def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRecord:
     """Gyros integrated, accelerometers moved to the c.g.; UnanswerableError where the record is too short for that."""
     longest = max(b - a for a, b in flight.segments)
-    if longest < LEAST_SEGMENT_SAMPLES:
+    if longest < MINIMUM_SAMPLES:
         raise UnanswerableError(
             f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
-            f"{LEAST_SEGMENT_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
+            f"{MINIMUM_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
         )
     for name in ("velocity", "dynamic_pressure"):
         lowest = float(np.min(getattr(flight, name)))

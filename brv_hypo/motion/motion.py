@@ -48,6 +48,7 @@ SMOOTH = (
     *("velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment"),
 )
 """Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
+DERIVED = ("roll_acceleration", "transverse_acceleration", "axial_share", "common_time")
 
 
 def angle_of_attack(crossflow: ComplexArray) -> FloatArray:
@@ -119,6 +120,8 @@ class Motion:
     history: Callable[[float], Motion] | None = None  # the motion so many seconds earlier; see `delayed`
     # rad/s^2; None where it is not known: at a running state, and in the past
     roll_acceleration: FloatArray | None = None
+    # q and r's rates, q' + i r', rad/s^2; at a running state, those of Euler's equations with C_mw; None in the past
+    transverse_acceleration: ComplexArray | None = None
     axial_share: FloatArray | None = None  # the axial force's coefficient over its median; None as well
     # s, of flights that share their Mach numbers; None where each has its own time, and in the past
     common_time: FloatArray | None = None
@@ -258,6 +261,7 @@ def _earlier(motion: Motion) -> Callable[[float], Motion]:
             alpha=angle_of_attack(xi),
             windward_meridian=np.asarray(meridian + 2.0 * np.pi * turns, dtype=float),
             roll_acceleration=None,
+            transverse_acceleration=None,
             axial_share=None,
             common_time=None,
             **dict(zip(smooth, values, strict=True)),
@@ -317,7 +321,7 @@ def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
         return motion
     xi = crossflow(motion.alpha, motion.windward_meridian)
     there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
-    read = {name: getattr(motion, name) for name in (*SMOOTH, "roll_acceleration", "axial_share", "common_time")}
+    read = {name: getattr(motion, name) for name in (*SMOOTH, *DERIVED)}
     found: dict[str, Any] = {name: None if values is None else nodes.of(values) for name, values in read.items()}
     meridian = np.unwrap(windward_meridian(there))
     moved = replace(motion, time=nodes.time, windward_meridian=meridian, history=None, **found)

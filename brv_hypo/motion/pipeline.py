@@ -277,5 +277,6 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         in_plane_moment=np.asarray(static),
         reference_length=flight.vehicle.reference_length,
         roll_acceleration=np.gradient(flight.p, flight.time),
+        transverse_acceleration=record.rate_change,
         axial_share=axial_share(record, alpha),
     )

@@ -257,7 +257,10 @@ class System:
         for item in self.planted:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
-        return replace(motion, in_plane_moment=np.asarray(moment, dtype=float))
+        vehicle, rates = self.config.vehicle, q + 1j * r
+        turning = body_from_plane(moment, np.zeros_like(moment), motion.windward_meridian)
+        change = air.dynamic_pressure * vehicle.moment_scale * turning - 1j * (1.0 - vehicle.inertia_ratio) * p * rates
+        return replace(motion, in_plane_moment=np.asarray(moment, dtype=float), transverse_acceleration=change)
 
     def plane_moments(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """C_N' and C_Z': static moment, pitch damping and all that is planted."""

@@ -106,7 +106,9 @@ def gathered(
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
-        dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
+        dynamic_stability=" ".join(
+            filter(None, (stability_in_words(damped, "damping moment", doubt=False), change_in_words(damped)))
+        ),
         stopped=stopped,
         unexplained=None if final.white else f"The residual has {final.words}.",
         caveats=(
@@ -169,6 +171,23 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
                 there = f"{estimated(*flown[:, worst])} at the {alpha} flown there"
                 sentences.append(f"At alpha = 0 {words}{time}, and {there}.")
     return " ".join(sentences)
+
+
+def change_in_words(damped: Sequence[Derivative]) -> str:
+    """Where the damping of flights differs most, by more than the largest of so many differences at 5 % (Tukey)."""
+    said = list[str]()
+    for one in damped:
+        values, errors = np.array(one.at_flown), np.array(one.at_flown_std_error)
+        ends = [int(np.argmin(values)), int(np.argmax(values))]
+        most = float(stats.studentized_range.isf(MODEL_ERROR_CHANCE, values.size, np.inf)) / np.sqrt(2.0)
+        if np.ptp(values) > most * np.hypot(*errors[ends]):
+            each = [f"{estimated(values[k], errors[k])} {_when(one, np.arange(values.size) == k)}" for k in ends]
+            of = f" of flight {one.flight + 1}" if len(damped) > 1 else ""
+            said.append(
+                f"The damping{of} changes, C_mq {' and '.join(each)}: a course of time, Mach number or alpha, which "
+                "baseline and processes have; `compare` tests which mechanism it may be."
+            )
+    return " ".join(said)
 
 
 def _when(slope: Derivative, chosen: BoolArray) -> str:

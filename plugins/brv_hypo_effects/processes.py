@@ -79,6 +79,17 @@ class Lobes(Listed):
         return turn, 1j * turn
 
 
+class UnequalInertia(Listed):
+    """Iy and Iz that differ, or I_yz: J conj((q' + i r') - i p (q + i r)) / q_inf by Euler's equations."""
+
+    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
+        """Of half the difference and of the product of inertia."""
+        change = 0.0 if motion.transverse_acceleration is None else motion.transverse_acceleration
+        rates = change - 1j * motion.p * (motion.q + 1j * motion.r)
+        turned = motion.to_plane(np.asarray(np.conj(rates) / motion.dynamic_pressure, dtype=complex))
+        return turned, 1j * turned
+
+
 @hookimpl
 def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
     """Every process of the moment."""
@@ -86,24 +97,16 @@ def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
         Powers.of("static_change", "stiffness", 16, "static moment that changes along the flight"),
         Powers.of("static_bend", "stiffness", 5, "static moment that bends with the angle of attack", powers=(2, 3)),
         Powers.of("side_change", "side", 16, "side moment that changes along the flight", across=True),
-        Powers.of(
-            "side_bend", "side", 5, "side moment that bends with the angle of attack", across=True, powers=(2, 3)
-        ),
+        Powers.of("side_bend", "side", 5, "side moment that bends with alpha", across=True, powers=(2, 3)),
         Rates.of("damping_change", "rate", 12, "damping that changes along the flight"),
         Rates.of("cross_damping_change", "rate", 12, "cross-damping moment that changes along the flight", across=True),
         Rates.of("damping_bend", "rate", 5, "damping that changes with the angle of attack", power=2),
-        Rates.of(
-            "cross_damping_bend",
-            "rate",
-            5,
-            "cross-damping moment that changes with the angle of attack",
-            across=True,
-            power=2,
-        ),
+        Rates.of("cross_damping_bend", "rate", 5, "cross-damping that changes with alpha", across=True, power=2),
         Body.of("body_change", "body", 16, "moment fixed in the body that grows or fades"),
         Body.of("flow", "body", 40, "random moment of the flow"),
         Lobes.of("two_lobes", "harmonic", 5, "moment of a two-lobed cross-section"),
         Lobes.of("three_lobes", "harmonic", 5, "moment of a three-lobed cross-section", lobes=3),
+        UnequalInertia.of("unequal_inertia", "harmonic", 1, "moments of inertia that differ in pitch and yaw"),
     ]
 
 

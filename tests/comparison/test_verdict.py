@@ -258,6 +258,7 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
     [
         (Fit(1.0, ROWS, 0.0), "explains nothing significant of what the baseline does not."),
         (Fit(1.0, ROWS, 800.0, significant=False), "explains less than processes do (83 %, these 0 %)."),
+        (Fit(1.0, ROWS, 800.0, regions=3), "acts in 3 separate regions, as a description of something else would."),
     ],
 )
 def test_what_explains_nothing_significant_is_not_named(fit: Fit, why: str) -> None:

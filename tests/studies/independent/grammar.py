@@ -21,6 +21,7 @@ from tests.studies.independent.flights import Made, draw_flight, make_flight
 from tests.studies.independent.mechanisms import GRAMMAR, Planted
 from tests.studies.independent.oracle import DETECTED
 from tests.studies.independent.record_oracle import f_ratios_in_record
+from tests.studies.independent.vehicles import Craft
 
 FAMILY = {
     "plane": "stiffness",
@@ -78,12 +79,13 @@ KINDS = tuple(
 )
 
 
-def sized(seed: int, kind: Kind) -> tuple[Made, float]:
-    """The flight of a seed with an effect of this kind, and at how many detection limits in its record.
+def sized(seed: int, kind: Kind, **vehicle: Craft) -> tuple[Made, float]:
+    """The flight of a seed with an effect of this kind, and at how many detection limits in its record; `vehicle`: what
+    flies it.
 
     Raises RuntimeError or ValueError where none can be flown, or no effect so large.
     """
-    rng, plain = np.random.default_rng([seed, _STREAM]), draw_flight(seed, truth="none")
+    rng, plain = np.random.default_rng([seed, _STREAM]), draw_flight(seed, truth="none", **vehicle)
     true, wanted = plain.true, float(np.exp(rng.uniform(*np.log(TIMES))))
     low, high = float(true.mach.min()), float(true.mach.max())
     largest = float(np.quantile(true.alpha, 0.95))

@@ -1,11 +1,11 @@
 """What `trace` says of effects that no plugin has: the family that explains the residual, findings that are none.
 
-By hand: python -m tests.studies.independent.undeclared_study --seed 1000 --flights 46 --jobs 2 [--grammar]
+By hand: python -m tests.studies.independent.undeclared_study --seed 1000 --flights 46 --jobs 2 [--grammar] [--drawn]
 
 Flight k has seed SEED + k and the kind k of `KINDS`, in turn at its ordinary size, which any flight has, and at 2 to 8
 times that, log-uniform: then it is the undeclared effect; with --grammar a kind drawn from `grammar` at 3 to 30 times
-its detection limit. Nothing else moves the vehicle but its baseline. Counts come with exact 95 % intervals (Clopper and
-Pearson 1934).
+its detection limit; --drawn: on vehicles that are drawn. Nothing else moves the vehicle but its baseline. Counts come
+with exact 95 % intervals (Clopper and Pearson 1934).
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from joblib import delayed
 from brv_hypo.tracing import TraceConfig, trace
 from brv_hypo.tracing.description import GENERIC
 from tests.studies.independent import grammar
+from tests.studies.independent.drawn_vehicles import draw_craft
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfect_study import count
 from tests.studies.independent.reporting import fly_and_report
-from tests.studies.independent.vehicles import CRAFTS
+from tests.studies.independent.vehicles import CRAFTS, Craft
 
 SETTINGS = TraceConfig(max_steps=4)
 FAMILY = {
@@ -67,7 +68,7 @@ ALSO |= {"side alpha^1": ("magnus",), "two lobes alpha^1": ("stiffness_asymmetry
 LARGER = (2.0, 8.0)  # times an ordinary size
 SHOWN = 1.2**0.5  # times the noise, the first residual's rms, from which there is something to explain
 MOST = 0.9  # of what is explained, that a set of families explains
-_STREAM = 13
+_STREAM, _VEHICLE = 13, 14
 
 
 @dataclass(frozen=True)
@@ -112,27 +113,32 @@ class Outcome:
         return tuple(order[: int(np.searchsorted(shares, MOST * shares[-1])) + 1])
 
 
-def fly(seed: int, number: int) -> Outcome | str:
+def fly(seed: int, number: int, drawn: bool) -> Outcome | str:
     """Draw, trace and note one flight; the reason in words where it cannot be flown."""
     rng = np.random.default_rng([seed, _STREAM])
     vehicle, kind = str(rng.choice(sorted(CRAFTS))), KINDS[number % len(KINDS)]
-    drawn = float(np.exp(rng.uniform(*np.log(LARGER))))
-    size = drawn if sum(divmod(number, len(KINDS))) % 2 else 1.0
+    larger = float(np.exp(rng.uniform(*np.log(LARGER))))
+    size = larger if sum(divmod(number, len(KINDS))) % 2 else 1.0
+    flown = _drawn(seed) if drawn else vehicle
     try:
-        made = make_flight(vehicle, "none", 1.0, seed, "tactical", imperfect=(kind,), imperfect_size=size)
+        made = make_flight(flown, "none", 1.0, seed, "tactical", imperfect=(kind,), imperfect_size=size)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     return traced(made, kind, size)
 
 
-def fly_sentence(seed: int) -> Outcome | str:
+def fly_sentence(seed: int, drawn: bool) -> Outcome | str:
     """The same with an effect drawn from the grammar, its size in detection limits."""
     kind = grammar.KINDS[int(np.random.default_rng([seed, _STREAM]).integers(len(grammar.KINDS)))]
     try:
-        made, times = grammar.sized(seed, kind)
+        made, times = grammar.sized(seed, kind, **({"vehicle": _drawn(seed)} if drawn else {}))
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: {kind.name} not flown ({error})"
     return traced(made, kind.name, times)
+
+
+def _drawn(seed: int) -> Craft:
+    return draw_craft(np.random.default_rng([seed, _VEHICLE]))
 
 
 def traced(made: Made, kind: str, size: float) -> Outcome:
@@ -178,9 +184,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=len(KINDS))
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--grammar", action="store_true", help="effects drawn from the grammar")
+    parser.add_argument("--drawn", action="store_true", help="on vehicles that are drawn")
     given = parser.parse_args(arguments)
-    seeds = range(given.seed, given.seed + given.flights)
-    runs = (delayed(fly_sentence)(each) if given.grammar else delayed(fly)(each, each - given.seed) for each in seeds)
+    drawn, seeds = given.drawn, range(given.seed, given.seed + given.flights)
+    runs = (delayed(fly_sentence)(k, drawn) if given.grammar else delayed(fly)(k, k - given.seed, drawn) for k in seeds)
     fly_and_report(runs, given.jobs, line, report)
 
 
