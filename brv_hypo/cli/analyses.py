@@ -30,7 +30,6 @@ from brv_hypo.io.text import one_line
 if TYPE_CHECKING:
     from brv_hypo.comparison import CompareConfig, Comparison
     from brv_hypo.flight.record import Flight
-    from brv_hypo.model.model import SavedModel
 
 
 COMPARED, TRACED = 4.5, 15.0  # s of a processor for a flight of few cycles, on cones and capsules; if trace finds some
@@ -133,7 +132,7 @@ def trace(
     from brv_hypo.tracing import TraceConfig
     from brv_hypo.tracing import trace as traced
 
-    chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
+    chosen: dict[str, Any] = {} if model is None else starting_model(model, session)
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
@@ -154,13 +153,13 @@ def trace(
             session.show(f"Wrote {mechanism_file}: `{compared}` compares it with the mechanisms.")
 
 
-def starting_model(path: Path, session: Session) -> str | SavedModel:
-    """The model in a file of `trace`, or the hypothesis that leads in a comparison's JSON; UsageError for neither."""
+def starting_model(path: Path, session: Session) -> dict[str, Any]:
+    """Settings of the model in a file of `trace`, or that leads in a comparison's JSON; UsageError for neither."""
     from brv_hypo.model.model import read_structure
 
     known = read_mapping(path, "what `compare --json` or `trace --json` wrote")
     if known.get("schema") != "brv-hypo/compare/1":
-        return read_structure(path)
+        return {"start": read_structure(path)}
     try:
         start = str(known["verdict"]["winner"] or known["ranking"][0]["mechanism"])
         ranked: dict[str, Any] = next((row for row in known["ranking"] if row["mechanism"] == start), {})
@@ -169,8 +168,8 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
         found = f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))})."
         raise UsageError(f"{found} Give what `compare --json` or `trace --json` wrote.") from None
     if errors:
-        session.warn(f"errors of the record are estimated anew: {', '.join(sorted(errors))}")
-    return start
+        session.warn(f"{len(errors)} errors of the record are estimated anew")
+    return {"start": start, "columns": ranked.get("columns", ())}
 
 
 _REFITTED = (

@@ -14,6 +14,7 @@ from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import below_noise, counted, estimated, hypothesis, number, percent, percents, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.linearisation.nuisance import beyond_level
+from brv_hypo.model.model import SavedColumn
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import FAR_PROCESS, FAR_TOLERANCES, NOISE_LEVEL, NORMAL_95
 
@@ -118,6 +119,7 @@ class RankedHypothesis(NullIsNaN):
     n_terms: int = Field(description="coefficients besides baseline and processes")
     n_effective: float = Field(description="whitened rows of all channels, averaged where noise is white")
     terms: tuple[TermEstimate, ...] = Field(description="jumps and ramps as fitted")
+    columns: tuple[SavedColumn, ...] = Field(default=(), description="the same, for `trace --model`")
     intervals: tuple[NetInterval, ...] = Field(default=(), description="net values between knots")
     derived: tuple[DerivedEstimate, ...] = Field(default=(), description="delays, knots, what follows from terms")
     knots: tuple[Knot, ...] = Field(default=(), description="ends of regions by Mach number, if flights share them")

@@ -18,6 +18,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
+from brv_hypo.model.model import SavedColumn
 from brv_hypo.model.term import BASELINE, Choice, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import rms
@@ -176,6 +177,7 @@ def _ranked(
         n_terms=len(fit.selected),
         n_effective=fit.effective,
         terms=_terms(fit, slice(fit.baseline_size, None)),
+        columns=tuple(map(SavedColumn.of, fit.selected)),
         intervals=intervals(fit),
         derived=_derived(fit),
         knots=_knots(fit),

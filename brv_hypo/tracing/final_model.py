@@ -184,8 +184,8 @@ def change_in_words(damped: Sequence[Derivative]) -> str:
             each = [f"{estimated(values[k], errors[k])} {_when(one, np.arange(values.size) == k)}" for k in ends]
             of = f" of flight {one.flight + 1}" if len(damped) > 1 else ""
             said.append(
-                f"The damping{of} changes, C_mq {' and '.join(each)}: a course of time, Mach number or alpha, which "
-                "baseline and processes have; `compare` tests which mechanism it may be."
+                f"The damping{of} changes, C_mq {' and '.join(each)}: a course of time, Mach number or alpha in "
+                "model and processes; `compare` tests which mechanism it may be."
             )
     return " ".join(said)
 

@@ -21,7 +21,7 @@ from brv_hypo.io.text import below_noise, interval, number, p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
-from brv_hypo.model.model import SavedModel
+from brv_hypo.model.model import SavedColumn, SavedModel
 from brv_hypo.model.term import BASELINE
 from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
@@ -39,6 +39,8 @@ class TraceConfig(BaseModel):
     start: str | SavedModel = "none"
     """What the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism file), or
     the model of an earlier trace."""
+    columns: tuple[SavedColumn, ...] = ()
+    """Those of that hypothesis as a comparison has them; none, or at times that the record lacks: they are searched."""
     baseline: Baseline = "scheduled"
     """Whether the stiffness that it starts from follows Mach and Reynolds number ("scheduled"), or is constant, so
     that such a change is for the loop to find."""
@@ -64,9 +66,9 @@ class TraceConfig(BaseModel):
 
 
 TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
-    "start": str | SavedModel, "baseline": Baseline, "aero": AeroTable | None, "effects": Sequence[str] | None,
-    "discover": bool, "method": str, "blocks": int, "max_steps": int, "significance": float, "knot_count": int,
-    "max_terms": int,
+    "start": str | SavedModel, "columns": Sequence[SavedColumn], "baseline": Baseline, "aero": AeroTable | None,
+    "effects": Sequence[str] | None, "discover": bool, "method": str, "blocks": int, "max_steps": int,
+    "significance": float, "knot_count": int, "max_terms": int,
 }, total=False)  # fmt: skip
 """The fields of `TraceConfig` as keywords."""
 

@@ -137,7 +137,12 @@ def _start(source: Flights) -> Fit:
         if mechanism not in chosen:
             apart = len(flights) > 1 and mechanism.of_each_flight(flights[0])
             model = model.with_terms(mechanism, motion, range(len(flights)) if apart else (None,))
-    if chosen:
+    names, first, last = {m.name for m in chosen}, *(flights[0].time[k] for k in (0, -1))
+    columns = [c for c in source.config.columns if c.mechanism in names]
+    if columns and all(c.start is None or first <= c.start <= last for c in columns):
+        found = (each.regressor(model.mechanisms[each.mechanism]) for each in columns)
+        model = model.but(columns=(*model.columns, *found))
+    elif chosen:
         problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
     return converged(source, model)
