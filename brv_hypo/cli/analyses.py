@@ -25,7 +25,7 @@ from brv_hypo.cli.session import (
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import read_mapping
-from brv_hypo.io.text import one_line
+from brv_hypo.io.text import counted, one_line
 
 if TYPE_CHECKING:
     from brv_hypo.comparison import CompareConfig, Comparison
@@ -168,7 +168,9 @@ def starting_model(path: Path, session: Session) -> dict[str, Any]:
         found = f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))})."
         raise UsageError(f"{found} Give what `compare --json` or `trace --json` wrote.") from None
     if errors:
-        session.warn(f"{len(errors)} errors of the record are estimated anew")
+        session.warn(
+            f"{counted(len(errors), 'error')} of the record {'is' if len(errors) == 1 else 'are'} estimated anew"
+        )
     return {"start": start, "columns": ranked.get("columns", ())}
 
 

@@ -69,7 +69,7 @@ def test_a_large_process_beside_drawn_errors_is_adequate(seed: int) -> None:
     assert verdict.processes[0].name == "body_change"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None:
     flight = simulate("blunt_capsule", seed=7, instruments={"draw": 1.0}, plant=["bodyfixed"]).flight
     vehicle = flight.vehicle
@@ -127,9 +127,11 @@ ASKEW = "(1.0 + 0.5j) * np.ones_like(motion.alpha)"  # a constant moment at an a
     [
         pytest.param(TWO_LOBED, 0.01, ["sticking", "bodyfixed"], "two-lobed side moment", marks=pytest.mark.slow),
         (BY_ALPHA, 0.01, ["lag", "bodyfixed"], "body-fixed by alpha cosine and body-fixed by alpha sine"),
-        (ASKEW, 5e-4, ["inplane", "bodyfixed"], "constant in plane and constant across"),
-        pytest.param(
-            ASKEW, 4e-5, ["inplane", "bodyfixed"], "constant in plane and constant across", marks=pytest.mark.slow
+        *(
+            pytest.param(
+                ASKEW, size, ["inplane", "bodyfixed"], "constant in plane and constant across", marks=pytest.mark.slow
+            )
+            for size in (5e-4, 4e-5)
         ),
         pytest.param(SQUARE, 0.1, ["lag"], "nonlinear across", marks=pytest.mark.slow),
         pytest.param(SQUARE, 0.1, ["lag", "bodyfixed"], "nonlinear across", marks=pytest.mark.slow),

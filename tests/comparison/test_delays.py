@@ -31,7 +31,7 @@ def delay_of(pair: Pair) -> float:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("factor", [0.7, 1.3])
+@pytest.mark.parametrize("factor", [pytest.param(0.7, marks=pytest.mark.slow), 1.3])
 def test_a_scan_leads_back_to_the_delay_of_the_largest_evidence(factor: float) -> None:
     pair = leading("lag")
     back = scanned(judged_cone("lag").problem, with_delay(pair, factor))

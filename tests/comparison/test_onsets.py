@@ -51,7 +51,7 @@ def test_its_width_is_estimated_about_its_knot(vehicle: str, truth: str, seed: i
     assert min(abs(each.value - planted.start) / each.std_error for each in knots) < 3.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("vehicle", "truth", "seed"), FLOWN)
 def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
     _, found = compared(vehicle, truth, seed, ())

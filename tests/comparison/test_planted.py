@@ -15,7 +15,6 @@ from tests.flights import flown
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
 PLANTED = [(vehicle, mechanism) for vehicle in VEHICLES for mechanism in MECHANISMS]
-THOROUGH = ("research_cone", "bodyfixed")
 """The one among all mechanisms that is not slow; the rest takes minutes."""
 
 
@@ -30,10 +29,8 @@ def test_what_is_planted_ranks_before_none_by_regression() -> None:
     assert [row.rank for row in comparison.ranking] == [1, 2]
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "mechanism"),
-    [pytest.param(*pair, marks=pytest.mark.thorough if pair == THOROUGH else pytest.mark.slow) for pair in PLANTED],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("vehicle", "mechanism"), PLANTED)
 def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None:
     seed = 4000 + 10 * VEHICLES.index(vehicle) + MECHANISMS.index(mechanism)
     comparison = compare([simulate(vehicle, seed=seed, plant=(mechanism,)).flight])

@@ -61,14 +61,10 @@ def test_a_knot_outside_the_record_is_refused_by_name(outside: float) -> None:
         compare(flown("research_cone", "bodyfixed").flight, config)
 
 
-@pytest.mark.thorough
 def test_order_and_repetition_of_knots_change_nothing() -> None:
-    flight = flown("research_cone", "inplane").flight
-    ordered, shuffled = (
-        compare(flight, CompareConfig(mechanisms=("inplane",), knots=knots, maximum_likelihood="none"))
-        for knots in ((1.0, 2.0, 3.0), (3.0, 1.0, 2.0, 1.0))
-    )
-    assert [each.model_dump_json() for each in ordered.ranking] == [each.model_dump_json() for each in shuffled.ranking]
+    shuffled = CompareConfig(mechanisms=("inplane",), knots=(3.0, 1.0, 2.0, 1.0))
+    problem, _ = preparation.shared_problem([reconstruct(flown("research_cone", "inplane").flight)], shuffled)
+    np.testing.assert_array_equal(problem.knots, [1.0, 2.0, 3.0])
 
 
 def test_a_window_of_less_than_a_cycle_is_said_to_be_short() -> None:

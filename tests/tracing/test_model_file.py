@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from brv_hypo import compare
 from brv_hypo.cli.analyses import starting_model
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
@@ -16,7 +17,7 @@ from brv_hypo.model.model import SavedColumn, SavedModel, model_text, read_model
 from brv_hypo.prediction import predict
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
-from tests.flights import nominal
+from tests.flights import flown, nominal
 
 TERMS = 14
 
@@ -83,7 +84,21 @@ def test_errors_are_the_covariances(result: Trace) -> None:
 
 
 def test_a_trace_starts_from_it(result: Trace, path: Path) -> None:
-    assert starting_model(path, Session()) == result.model.definition
+    assert starting_model(path, Session()) == {"start": result.model.definition}
+
+
+@pytest.mark.thorough
+def test_a_trace_starts_from_the_columns_of_a_comparison() -> None:
+    """Searched anew without processes they came to lie at other times, with other values."""
+    flight = flown("research_cone", "bodyfixed").flight
+    (row,) = (
+        row for row in compare(flight, mechanisms=["bodyfixed"], maximum_likelihood="none").ranking if row.columns
+    )
+    found = trace(flight, start="bodyfixed", columns=row.columns, effects=["magnus"], discover=False, max_steps=1)
+    kept = [column for column in found.model.definition.columns if column.mechanism == "bodyfixed"]
+    assert [each.term for each in kept] == [each.term for each in row.columns]
+    assert [each.start for each in kept] == pytest.approx([each.start for each in row.columns], abs=0.01)
+    assert [each.value for each in kept] == pytest.approx([each.value for each in row.terms], rel=0.02)
 
 
 @pytest.mark.thorough
