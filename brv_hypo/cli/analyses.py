@@ -168,9 +168,7 @@ def starting_model(path: Path, session: Session) -> dict[str, Any]:
         found = f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))})."
         raise UsageError(f"{found} Give what `compare --json` or `trace --json` wrote.") from None
     if errors:
-        session.warn(
-            f"{counted(len(errors), 'error')} of the record {'is' if len(errors) == 1 else 'are'} estimated anew"
-        )
+        session.warn(f"estimated anew: {counted(len(errors), 'error')} of the record")
     return {"start": start, "columns": ranked.get("columns", ())}
 
 
