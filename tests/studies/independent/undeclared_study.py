@@ -18,6 +18,7 @@ from time import process_time
 import numpy as np
 from joblib import delayed
 
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.tracing import TraceConfig, trace
 from brv_hypo.tracing.description import GENERIC
 from tests.studies.independent import grammar
@@ -146,10 +147,13 @@ def _drawn(seed: int) -> Craft:
     return draw_craft(np.random.default_rng([seed, _VEHICLE]))
 
 
-def traced(made: Made, kind: str, size: float) -> Outcome:
-    """What `trace` says of a flight, noted beside what was planted."""
+def traced(made: Made, kind: str, size: float) -> Outcome | str:
+    """What `trace` says of a flight, noted beside what was planted; the reason in words where it is too short."""
     begun = process_time()
-    found = trace(made.flight, SETTINGS)
+    try:
+        found = trace(made.flight, SETTINGS)
+    except UnanswerableError as error:
+        return f"seed {made.seed}: not traced ({error})"
     seconds = process_time() - begun
     first, last = found.steps[0].residual, found.final_residual
     assert last is not None
