@@ -76,10 +76,8 @@ Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 class Judged:
     """Fits whose criterion, coefficients and errors are those of the evidence, and the evidence of each."""
 
-    problem: Problem
-    """Linear about the leader, without processes."""
-    rows: Rows
-    """Linear about the same point, with processes."""
+    problem: Problem  # linear about the leader, without processes
+    rows: Rows  # linear about the same point, with processes
     fits: tuple[HypothesisFit, ...]
     evidences: tuple[Evidence, ...]
     weight: float
@@ -88,8 +86,7 @@ class Judged:
     sharper than these are, and may describe them by a mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017;
     Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
     """
-    elsewhere: Explained | None = None
-    """What the same leader explains about another motion, which is less likely."""
+    elsewhere: Explained | None = None  # what the same leader explains about another motion, which is less likely
 
     @property
     def leader(self) -> int:

@@ -44,10 +44,8 @@ class Shape:
     information: FloatArray
     gram: FloatArray | None
     theta: Theta
-    region: tuple[float, float]
-    """From where to where it acts, s."""
-    width: float = 0.0
-    """s over which it comes on, about the first of these."""
+    region: tuple[float, float]  # from where to where it acts, s
+    width: float = 0.0  # s over which it comes on, about the first of these
 
     def largest(self, allowed: float) -> float:
         """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate; none where that is nothing."""

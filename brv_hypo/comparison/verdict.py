@@ -38,14 +38,10 @@ class Candidate:
     """A hypothesis, or something outside the list, as the verdict knows it."""
 
     name: str
-    level: float
-    """Log evidence, but for a constant."""
-    held_out: FloatArray
-    """Log predictive density of each stretch of the record given the others (stretches,)."""
-    impossible: str | None = None
-    """Which value no body can have, if any."""
-    words: str | None = None
-    """What it is, of something outside the list."""
+    level: float  # log evidence, but for a constant
+    held_out: FloatArray  # log predictive density of each stretch of the record given the others (stretches,)
+    impossible: str | None = None  # which value no body can have, if any
+    words: str | None = None  # what it is, of something outside the list
 
 
 @dataclass(frozen=True)
@@ -58,8 +54,7 @@ class Fit:
     rows: int
     explains: float
     significant: bool = True
-    regions: int = 1
-    """Of the leader's terms, separate in time."""
+    regions: int = 1  # of the leader's terms, separate in time
 
     @property
     def p_value(self) -> float:

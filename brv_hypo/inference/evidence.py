@@ -44,8 +44,7 @@ _KEPT = 4  # amplitudes of which factors are kept
 class _Solution(NamedTuple):
     """b and c with their covariance under noise of 1."""
 
-    level: float
-    """Half of the log determinants."""
+    level: float  # half of the log determinants
     misfit: float
     border: FloatArray
     covariance: FloatArray
@@ -55,10 +54,8 @@ class _OfProcesses(NamedTuple):
     """Of one flight the standardised a at its mode, with its variances under noise of 1."""
 
     mode: FloatArray
-    inverse: FloatArray
-    """That of its `_Factor`."""
-    follows: FloatArray
-    """By how much a falls as b and c rise (columns, border)."""
+    inverse: FloatArray  # that of its `_Factor`
+    follows: FloatArray  # by how much a falls as b and c rise (columns, border)
     variances: FloatArray
 
 
@@ -69,8 +66,7 @@ class _Integrated:
     rows: Rows
     terms: Terms
     products: Products
-    at: FloatArray
-    """Logarithms of the noise, of every process's amplitude, and of the mechanism's."""
+    at: FloatArray  # logarithms of the noise, of every process's amplitude, and of the mechanism's
 
     @cached_property
     def _parts(self) -> dict[int, _Eliminated]:

@@ -84,8 +84,7 @@ class HypothesisFit:
     left_out: LeftOut | None = None
     log_evidence: float | None = None
     """Beside processes, over that of the baseline only, as it counts; None before they are known."""
-    ends: bool = False
-    """Whether nothing remains of the mechanism after each of its `regions`."""
+    ends: bool = False  # whether nothing remains of the mechanism after each of its `regions`
 
     @property
     def covariance(self) -> FloatArray:

@@ -47,12 +47,9 @@ class Group:
 
     name: str
     family: str
-    units: str
-    """Of the history that the columns make."""
-    size: float
-    """One unit of the amplitude, in `units`."""
-    prior: tuple[float, float]
-    """Centre and 1-sigma of the logarithm of the amplitude."""
+    units: str  # of the history that the columns make
+    size: float  # one unit of the amplitude, in `units`
+    prior: tuple[float, float]  # centre and 1-sigma of the logarithm of the amplitude
 
 
 @dataclass(frozen=True)
@@ -184,12 +181,9 @@ class Terms:
     """X of a hypothesis (n, k): selected terms, what knots and delays move, last what each flight's knots do."""
 
     x: FloatArray
-    spread: FloatArray
-    """Prior 1-sigma (k,) of each coefficient, of terms at a mechanism's amplitude of 1."""
-    scaled: BoolArray
-    """Which of them (k,) the mechanism's amplitude multiplies: the terms."""
-    prior: float = 0.0
-    """Log probability of these terms before the data."""
+    spread: FloatArray  # prior 1-sigma (k,) of each coefficient, of terms at a mechanism's amplitude of 1
+    scaled: BoolArray  # which of them (k,) the mechanism's amplitude multiplies: the terms
+    prior: float = 0.0  # log probability of these terms before the data
     apart: int = 0
     """How many columns are contrasts between the flights' own knots, knot by knot: nuisances of the hypothesis."""
     coefficients: FloatArray | None = None
@@ -230,24 +224,17 @@ class Rows:
 
     problem: Problem
     frame: RateFrame
-    y: FloatArray
-    """(n,)"""
-    shared: FloatArray
-    """U (n, columns): orthonormal columns of the baseline, then what the vehicle's tolerances allow."""
-    spread: FloatArray
-    """Prior 1-sigma of the columns of U: infinite of the baseline."""
-    coefficients: FloatArray
-    """What makes the baseline's coefficients of those of U (baseline columns, its rank)."""
+    y: FloatArray  # (n,)
+    shared: FloatArray  # U (n, columns): orthonormal columns of the baseline, then what the vehicle's tolerances allow
+    spread: FloatArray  # prior 1-sigma of the columns of U: infinite of the baseline
+    coefficients: FloatArray  # what makes the baseline's coefficients of those of U (baseline columns, its rank)
     blocks: tuple[Block, ...]
     groups: tuple[Group, ...]
-    modelled: ComplexArray
-    """Moment coefficients (frame rows,) at the linearisation point."""
-    static: float
-    """What that moment makes of the rows before whitening, as a length."""
+    modelled: ComplexArray  # moment coefficients (frame rows,) at the linearisation point
+    static: float  # what that moment makes of the rows before whitening, as a length
     counted: BoolArray
     """Which rows (n,) count: not the first of a record, where the filters of instruments have transients."""
-    noise_ratio: float = 1.0
-    """Their noise over that measured in the record."""
+    noise_ratio: float = 1.0  # their noise over that measured in the record
 
     @property
     def size(self) -> int:

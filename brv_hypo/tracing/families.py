@@ -58,12 +58,9 @@ class Beside:
     point: HypothesisFit
     rows: Rows
     terms: Mapping[str, Terms]
-    families: Mapping[str, str]
-    """That of each effect."""
-    start: FloatArray
-    """Logarithms of noise and amplitudes beside all of it."""
-    problem_with: Callable[[Sequence[RecordEffect]], Problem]
-    """The problem with processes of the record."""
+    families: Mapping[str, str]  # that of each effect
+    start: FloatArray  # logarithms of noise and amplitudes beside all of it
+    problem_with: Callable[[Sequence[RecordEffect]], Problem]  # the problem with processes of the record
 
     @cached_property
     def _known(self) -> dict[tuple[tuple[str, ...], tuple[str, ...] | None], Evidence]:
