@@ -393,7 +393,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         turned = []  # whether the axes of the unit are not the vehicle's, as it reads and without the mistake
         for one in [AS_IT_IS, *([] if mistake is AS_IT_IS else [mistake])]:
             rates, forces = (one.factors.get(each, np.eye(3)) @ values for each, values in read.items())
-            nose = plausibility.nose_axis(masked.time, rates, forces, air)
+            nose = plausibility.nose_axis(masked.time, rates, forces, air, max(masked.instruments.accel_position))
             turned.append(plausibility.mounting_fault(masked.time, nose, tolerance))
         # Units that alone make the mounting right are the simpler mistake; their effects come after it.
         restores = mistake.fault == "units" and not turned[-1]

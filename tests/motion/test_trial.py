@@ -108,6 +108,14 @@ def test_forces_in_other_units_turn_no_unit():
     assert [(one.channel, one.fault) for one in faults] == [("ax, ay, az", "units")]
 
 
+def test_the_nose_is_known_no_better_than_the_place_of_the_accelerometers():
+    """At 30 rad/s the 5 mm of an industrial unit make a sixth of the drag across the axis."""
+    flight = drawn_flight(1262004, 4, "industrial", "one", drawn=True)[0].flight
+    assert try_record(flight)[1].sound
+    better = replace(flight, instruments=drawn_flight(1262004, 4, "tactical", "tolerances")[0].flight.instruments)
+    assert [one.fault for one in try_record(better)[1].faults] == ["mounting"]
+
+
 def test_a_speed_that_its_mach_number_contradicts_is_named(flights):
     """In knots, without altitude: nothing else shows that."""
     flight = flights["cone"]
