@@ -27,10 +27,12 @@ def jackknife_error(left_out: FloatArray) -> float:
 
 def held_out(fits: Sequence[HypothesisFit], evidences: Sequence[Evidence], count: int) -> list[float]:
     """Mean square error of the moment coefficients on each of `count` blocks a flight, predicted by the fit without it,
-    terms and processes with the priors that they have at the amplitudes of its evidence. The rows of a block are taken
-    out of the normal equations; the walk of the attitude is independent of the rates' noise here, as rows may be left
-    out only then. What is of other flights alone is eliminated once.
+    terms and processes with the priors that they have at the amplitudes of its evidence. A flight has two blocks more,
+    its first and last: beyond those nothing holds its motion and processes, and their errors would count for all. The
+    rows of a block are taken out of the normal equations; the walk of the attitude is independent of the rates' noise
+    here, as rows may be left out only then. What is of other flights alone is eliminated once.
     """
+    count += 2
     rows = evidences[0].rows
     problem = rows.problem.untied()
     flights = [_Flight.of(problem, rows, number, count) for number in range(len(problem.rows.of_flights))]
@@ -100,7 +102,7 @@ def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evi
         border, first = own.unit.T @ part, own.scale.size - own.rates.shape[1]
         processes = np.zeros((own.rates.shape[1], count))
         for block, (rows, inside) in own.blocks.items():
-            if block < 0:
+            if block < 0 or block % count in (0, count - 1):
                 continue
             beside = part[rows]
             square, solved = _eliminated(products - inside, border - own.unit[rows].T @ beside)
@@ -115,8 +117,10 @@ def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evi
         made = drawn.grid.all_of(drawn.kept.rates @ others[constants:][drawn.places]) + own.rates @ processes
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
-    use = found.usable & np.isin(block_of, [block for own in flights for block in own.blocks])
-    errors = found.body[np.arange(rest.shape[0]), block_of % count][use]
+    within = block_of % count
+    use = found.usable & (within > 0) & (within < count - 1)
+    use &= np.isin(block_of, [block for own in flights for block in own.blocks])
+    errors = found.body[np.arange(rest.shape[0]), within][use]
     return float(np.sum(np.abs(errors) ** 2) / 2.0 / max(errors.size, 1))
 
 

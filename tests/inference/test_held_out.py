@@ -37,9 +37,9 @@ def dense_error(fit: HypothesisFit, own: Evidence) -> float:
     precision[unknowns + rates.shape[1] + fit.baseline_size :] = (
         np.exp(own.at[-1]) * own.terms.spread[: len(fit.selected)]
     ) ** -2.0
-    block, of_row = block_of_whitened_row(problem, BLOCKS), block_of_row(problem.frame, BLOCKS)
+    block, of_row = block_of_whitened_row(problem, BLOCKS + 2), block_of_row(problem.frame, BLOCKS + 2)
     errors = []
-    for k in range(BLOCKS):
+    for k in range(1, BLOCKS + 1):
         kept, response = design[block != k], problem.raw_response[block != k]
         scale = np.linalg.norm(kept, axis=0)
         unit = kept / scale
