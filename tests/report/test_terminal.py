@@ -148,7 +148,7 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
         collinear_with={"two_lobes": (0.5, 0.95)},
     )
     flown, said, zero = function_blocks({"C_mq": [known]})
-    assert flown.heading == "At the angle of attack flown (model and processes)"
+    assert flown.heading == "At the angle of attack flown (model, its C_damping in C_mq, and processes)"
     assert [row["C_mq"] for row in flown.rows] == ["-0.300 ± 0.01", "-0.400 ± 0.01*"]
     assert [row["C_mq"] for row in zero.rows] == ["-0.100 ± 0.01", "(-0.200)"]
     assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
