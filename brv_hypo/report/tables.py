@@ -403,7 +403,7 @@ def derived_texts(derived: Iterable[result.DerivedEstimate]) -> list[str]:
     for item in derived:
         unit = "" if item.units == "1" else f" {item.units}"
         value = known_to(item.value, item.std_error) if np.isfinite(item.std_error) else number(item.value, 7)
-        value = "undetermined, 0" if value == "0" else value
+        value = "undetermined," if value == "0" and item.units == "s" else value
         line = f"{item.name} = {value} ± {number(item.std_error, 2)}{unit}"
         if item.units == "rad":
             line += f" ({estimated(np.degrees(item.value), np.degrees(item.std_error))} deg)"

@@ -15,7 +15,7 @@ class Damping(Mechanism):
     """C_N' += c (alpha_dot d / 2V); `complete` adds out of plane c alpha (p - phi_w_dot) d / 2V, of the precession."""
 
     name, title = "damping", "unstable damping"
-    claims = "more damping, or less, than the baseline's in the plane of alpha; nothing out of plane"
+    claims = "more damping, or less, in the plane of alpha; nothing out of plane"
     source = "report, Table 2.1 (a)"
     stated_family = "rate"
 

@@ -355,6 +355,21 @@ class TestPython:
             row = found.ranking[0].model_copy(update={"intervals": intervals})
             assert found.model_copy(update={"ranking": (row,)}).conclusion().startswith(said)
 
+    def test_a_gradual_end_is_dated_by_its_middle_as_its_knot_is(self) -> None:
+        about = {"channel": "in-plane", "f_ratio": 100.0, "units": "1", "std_error": 0.1}
+        term = TermEstimate(name="C", mechanism="damping", value=1.0, **about)
+        ends = [(1.0, 2.0, 0.0), (2.0, 3.4, 1.0), (3.4, 4.0, 0.1), (4.0, 6.0, 0.0)]
+        nets = [(a, b, term.model_copy(update={"value": value})) for a, b, value in ends]
+        intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(net,)) for a, b, net in nets)
+        derived = tuple(
+            DerivedEstimate(name=f"damping {name}", value=value, std_error=0.1, units="s")
+            for name, value in (("knot", 2.0), ("knot", 3.7), ("onset width", 0.6))
+        )
+        row = graded("damping").ranking[0].model_copy(update={"intervals": intervals, "derived": derived})
+        found = graded("damping").model_copy(update={"ranking": (row,)})
+        assert "damping acts from 2 to 3.7 s" in found.conclusion()
+        assert [each["change"] for each in knot_table(found, row).rows] == ["onset", "end"]
+
     @pytest.mark.parametrize(
         ("value", "said"),
         [(-7.35, "which adds damping: with it 8.3"), (0.42, "which takes damping away: with it 0.58")],

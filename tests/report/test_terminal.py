@@ -12,11 +12,12 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo.comparison.intervals import collinear_groups, estimate
-from brv_hypo.comparison.result import ReconstructionSummary
+from brv_hypo.comparison.result import DerivedEstimate, ReconstructionSummary
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.report.document import Document, Table, Texts, flat
 from brv_hypo.report.tables import (
     collinear_names,
+    derived_texts,
     function_blocks,
     motion_known,
     ranking_table,
@@ -188,3 +189,14 @@ def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
     assert [row["quantity"] for row in table.rows] == ["mass", "ixx", "iyy", "reference length", "reference area"]
     assert table.rows[2]["tolerance"] != "–"
     assert "is assumed, so is their scale" in said.texts[0]
+
+
+def test_a_time_that_is_not_determined_is_said_to_be_so() -> None:
+    """An angle has the digits of its error in degrees too; a coefficient of nought is one."""
+    found = (("lag delay", 0.01, 19.0, "s"), ("threshold", 0.017412, 6.3e-5, "rad"), ("C_b", 1e-5, 0.014, "1"))
+    derived = [DerivedEstimate(name=n, value=v, std_error=e, units=u) for n, v, e, u in found]
+    assert derived_texts(derived) == [
+        "lag delay = undetermined, ± 19 s",
+        "threshold = 0.017412 ± 6.3×10⁻⁵ rad (0.9976 ± 0.0036 deg)",
+        "C_b = 0 ± 0.014",
+    ]
