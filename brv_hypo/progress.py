@@ -1,7 +1,8 @@
 """How far long work has come: `progress(fraction, text)`, one form for every public function.
 
 `fraction` (0 to 1) of the work is done, None where that is not known; `text` is what comes next. `progress=` takes any
-such callable, a rich `Progress` (its last task is moved), or a tqdm bar. The log `brv_hypo` has it at the level INFO.
+such callable, a rich `Progress` (its last task is moved), or a tqdm bar (not installed along). The log `brv_hypo` has
+it at the level INFO.
 
 >>> from brv_hypo.progress import report_to
 >>> report_to(print)(0.25, "fitting lag")

@@ -1,7 +1,1 @@
-"""The command line.
-
-main         `run`: the console script; which commands there are; mechanisms, config and docs
-analyses     the commands compare, trace, predict and study
-flights      the commands inspect, import, reconstruct, simulate and demo
-session      options that commands share; where a command's results go; how it ends: messages, exit codes, signals
-"""
+"""The command line: main.py has `run`, the console script; session.py what commands share."""

@@ -44,7 +44,9 @@ def expected_seconds(flights: Sequence[Flight], seconds: float) -> float:
     return sum(seconds * (1.0 + each / SLOWING_CYCLES) for each in cycles)
 
 
-_HYPOTHESES = "As lag,sticking+bodyfixed (+ joins two); installed: all of kind mechanism; left out: the usual five."
+_HYPOTHESES = (
+    "As lag,sticking+bodyfixed (+ joins two); installed: all of kind mechanism; left out: the five, and --plugin's."
+)
 Mechanisms = Annotated[
     str | None, Option("--mechanisms", metavar="NAME,NAME", autocompletion=complete_hypotheses, help=_HYPOTHESES)
 ]

@@ -18,6 +18,8 @@ from brv_hypo.thresholds import TUMBLING_ALPHA
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
 
+UNSEEN = 1e-4  # share of the moment's rms below which what is planted is said not to act
+
 
 @in_session("start", "stop", "json", "force")
 def inspect(session: Session, flight: FlightFile) -> None:
@@ -175,6 +177,8 @@ def fly(
     with session.progress("simulating") as progress:
         flown = simulated(chosen, seed=1 if seed is None else seed, progress=progress)
     truth, largest = flown.truth, math.radians(TUMBLING_ALPHA)
+    if truth.planted and max(truth.planted_share) < UNSEEN:
+        session.warn("what is planted makes next to none of the moment: on this flight it does not act, or too briefly")
     if beyond := truth.time[truth.alpha > largest].tolist():
         session.warn(
             f"the vehicle tumbles: alpha is above {TUMBLING_ALPHA:.0f} deg from {beyond[0]:.3g} s on, and no moment is "

@@ -31,7 +31,7 @@ mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, 
 ALONG = {
     "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
     "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
-    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
+    "import": ("every_key", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
     "instruments": ("opportunity", "instruments", "brv-hypo compare flight.h5 --instruments {}"),
 }
 """What new simulations, studies, maps and tolerances start from, as they need more than defaults: files that come along
@@ -256,6 +256,7 @@ def _as_pages(session: Session, topic: str | None, output: Path | None, show: bo
     from brv_hypo.docs.manual import FIRST, site
 
     pages, name = site(), f"{topic or FIRST}.html"
+    pages |= {"index.html": pages[f"{FIRST}.html"]}
     if name not in pages:
         text(topic or "")  # refused, with the topics there are
     folder = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / "manual" if output is None else output

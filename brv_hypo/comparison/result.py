@@ -25,6 +25,7 @@ _FAR_MORE = 1.5  # times an error that its tolerance draws to nothing: the data 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote the other tables, which are fitted with processes"
+MEAN_SQUARES = "(Mean squares; sizes are rms of all.)"
 """In place of a maximum likelihood in trouble."""
 BUT_MARKED = ", but no value that is marked *"
 
@@ -141,10 +142,29 @@ class RankedHypothesis(NullIsNaN):
         share = estimated(100.0 * self.share_of_moment, 100.0 * self.share_std_error)
         if np.isnan(self.share_of_moment):
             return ""
+        if self.share_std_error > self.share_of_moment:
+            return "Its own moment is not known: processes, or its parts, may cancel it."
         whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
-        high = 100.0 * self.share_of_moment * np.sqrt(whole / acts) if acts else np.nan
-        then = f", {number(high, 2)} % while it acts" if acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        high = 100.0 * self.share_of_moment * np.sqrt(whole / (acts or whole))
+        then = f", {number(high, 2)} % while it acts" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
         return f"Its rms moment is {share} % of the record's{then} (±: 1 sigma)."
+
+    @property
+    def changes(self) -> list[tuple[DerivedEstimate, DerivedEstimate | None]]:
+        """Its knots, each with the width over which what begins or ends there comes on, if any, by time."""
+        found: list[tuple[DerivedEstimate, DerivedEstimate | None]] = []
+        for each in self.derived:  # a width follows its knot
+            if each.name.endswith(KNOT):
+                found.append((each, None))
+            elif each.name.endswith(WIDTH) and found:
+                found[-1] = (found[-1][0], each)
+        return sorted(found, key=lambda pair: pair[0].value)
+
+    def middle(self, at: float) -> float:
+        """The knot whose gradual change begins or ends at a time (s); else that time."""
+        wide = [(abs(abs(at - knot.value) - 0.5 * w.value), knot.value) for knot, w in self.changes if w is not None]
+        off, knot = min(wide, default=(np.inf, at))
+        return knot if off < SAME_TIME else at
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
@@ -207,6 +227,8 @@ class Explained(NullIsNaN):
     noise: float = Field(description="noise and lack of fit")
 
 
+KNOT, WIDTH = " knot", " onset width"  # how names of derived times end
+SAME_TIME = 1e-6  # s
 REMAINS = 0.02  # of the largest value of a mechanism, below which a value is said to be none; wording alone
 AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
@@ -288,8 +310,8 @@ class RecordError(NullIsNaN):
     def in_tolerances(self) -> str:
         """Its value in tolerances, and by the data alone where that is far more, in words."""
         alone, more = self.without_tolerance, abs(self.without_tolerance) > _FAR_MORE * abs(self.value)
-        by_data = f"; by the data alone {number(alone)}, {abs(alone) / self.tolerance:.0f} times" if more else ""
-        return f"{abs(self.tolerances):.1f} times its tolerance{by_data}"
+        by_data = f"; by the data alone, without it, {number(alone)}, {abs(alone) / self.tolerance:.0f} times"
+        return f"{abs(self.tolerances):.1f} times its tolerance{by_data if more else ''}"
 
 
 def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
@@ -461,7 +483,8 @@ class Comparison(HasCharts, Result):
             known = f"{share} % ({100.0 * low:.{digits}f} to {100.0 * high:.{digits}f} %), "
             leader = f"{self.ranking[0].mechanism} {known}" if found.share else ""
             noise = "noise" if fits is None or fits.ratio < 1.0 + NOISE_LEVEL[1] else "noise and lack of fit"
-            lines.append(f"Of the residual of the baseline: {leader}processes {processes} %, {noise} {rest} %.")
+            shares = f"{leader}processes {processes} %, {noise} {rest} %"
+            lines.append(f"Of the residual of the baseline: {shares}{f'. {MEAN_SQUARES}' if leader else '.'}")
         if fits is not None:
             within = f"The leader's residual is {fits.ratio:.2f} times the noise (rms){below_noise(fits.ratio)}"
             of_leader = self.verdict.outcome == "undecided"
@@ -505,17 +528,25 @@ class Comparison(HasCharts, Result):
         sizes = ", ".join(f"{each.sized} times ({advice[each.is_of_moment]})" for each in far)
         return f"Far beyond an ordinary size: {sizes}." if far else ""
 
+    def _damps(self, net: TermEstimate) -> str:
+        """What a damping moment does, in the baseline's C_mq, to which it is added in plane."""
+        damps = ", which adds damping" if net.value < 0.0 else ", which takes damping away"
+        base = next((term for term in self.baseline.terms if term.name == "C_mq"), None)
+        if base is None or base.value > -2.0 * base.std_error:
+            return damps
+        return f"{damps}: with it {number(1.0 + net.value / base.value, 2)} times the baseline's, C_mq {base.value:.3g}"
+
     def _when(self) -> str:
         """From when to when the mechanism that the verdict names, or describes, acts, and at which Mach numbers."""
         leader, best = self.ranking[0] if self.ranking else None, self.verdict.winner or self.verdict.described
         if leader is None or leader.mechanism != best or not (acts := leader.acting):
             return ""
-        ends, size = (acts[0].start_s, acts[-1].stop_s), ""
+        ends, size = tuple(map(leader.middle, (acts[0].start_s, acts[-1].stop_s))), ""
         if len(acts) == 1 and len(acts[0].values) == 1 and not acts[0].collinear_groups:
             (net,) = acts[0].values
-            damps = ", which adds damping" if net.value < 0.0 else ", which takes damping away"
-            sign = damps if net.name == DAMPING else ""
-            size = f" {net.name} is {estimated(net.value, net.std_error)}{sign}."
+            unit = "" if net.units == "1" else f" {net.units}"
+            sign = self._damps(net) if net.name == DAMPING else ""
+            size = f" {net.name} is {estimated(net.value, net.std_error)}{unit}{sign}."
         size += f" {leader.size}" if leader.size else ""
         machs = " to ".join(number(self.mach_at(end)) for end in ends)
         if self.reference_flight is not None:
@@ -524,7 +555,8 @@ class Comparison(HasCharts, Result):
         begins, ended = ends[0] - first < AT_ITS_ENDS * (last - first), last - ends[1] < AT_ITS_ENDS * (last - first)
         if begins and ended:
             return f"{best} acts throughout the record.{size}"
-        beyond = ", and perhaps before" * begins + ", and perhaps after" * ended  # what is at an end is no event
+        # What is at an end of the record is no event.
+        beyond = ", and perhaps before the record" * begins + ", and perhaps after the record" * ended
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
         return f"{best} acts from {times(*ends)}{known}{beyond}.{size}"
 

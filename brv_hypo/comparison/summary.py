@@ -102,6 +102,8 @@ def motion_summary(
 
 def flight_summary(flight: Flight, analysed: Flight | None = None) -> result.FlightSummary:
     """The part of a record that was compared, and what was done to it before it was `analysed`."""
+    keys, grade = ", ".join(flight.instruments.stated), flight.instruments.grade
+    own = (f"tolerances that the record or --instruments states, all others are {grade}: {keys}",) if keys else ()
     return result.FlightSummary(
         path=flight.path,
         samples=flight.samples,
@@ -115,7 +117,7 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> result.Fli
             **{name: getattr(flight.vehicle, name) for name in VEHICLE_DIMENSIONS if name != "accelerometer_position"},
             **{name: getattr(flight.instruments, name)[0] for name in ("inertia", "inertia_ratio")},
         },
-        notes=(analysed or flight).notes,
+        notes=(*(analysed or flight).notes, *own),
     )
 
 

@@ -54,6 +54,7 @@ COAST_AMBIGUOUS = 0.1  # |k - 1| below which mean spin and drag lean by as much,
 SLOW = 0.35  # of the highest speed, below which a coast shows little
 FADED = 0.05  # s after the highest speed, until which thrust fades
 RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
+SWING_MOST = 0.5 * np.pi  # rad, rms, by which the nose turns: more is a tumbling body, or wrong units
 SCALE_HEIGHT = 8500.0  # m over which the air's density falls by e
 FIT_MOST_SAMPLES = 300  # that a relation is thinned to; bounds the time
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
@@ -314,7 +315,9 @@ def relative_axes(
         for matrix in relative_turns():
             turned = matrix @ (np.reshape(size, (-1, 1)) * smooth[:3])
             squares, slope = path_into_force(since, turned, smooth[3:], speed, scale[used])
-            found.append((squares[1] / squares[0] if slope > 0.0 else 1.0, name, matrix))
+            swing = integral(since, (turned[1] + 1j * turned[2]) * np.exp(1j * integral(since, turned[0])))
+            possible = slope > 0.0 and float(np.std(swing)) < SWING_MOST
+            found.append((squares[1] / squares[0] if possible else 1.0, name, matrix))
     return sorted(found, key=lambda each: each[0])
 
 
@@ -336,8 +339,9 @@ def as_turned(triad: Sequence[str], turn: FloatArray) -> str:
 def contradictions(
     time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle | None = None, earth: bool = False
 ) -> tuple[RecordFault, ...]:
-    """Decisive faults of `channels` (n,), SI, NaN where missing, at `time` (n,) s: climb, gain and drag."""
-    found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
+    """Decisive faults of `channels` (n,), SI, NaN where missing, at `time` (n,) s: rates, climb, gain and drag."""
+    found = [impossible_rates(time, channels)]
+    found += [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
         if "altitude" in channels and "velocity" not in channels:
@@ -354,6 +358,20 @@ def contradictions(
     found += [_sound(time, channels)] if earth and {"mach", "velocity"} <= set(channels) else []
     found += [_drag(time, channels, vehicle)] if vehicle and "dynamic_pressure" in channels else []
     return tuple(fault for fault in found if fault is not None)
+
+
+def impossible_rates(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:
+    """Gyros among the channels that turn faster than any vehicle."""
+    most = {name: float(np.nanmax(np.abs(channels[name]), initial=0.0)) for name in GYROS if name in channels}
+    fast = [name for name, rate in most.items() if rate > limits.FASTEST_RATE]
+    if not fast:
+        return None
+    names, rate = ", ".join(fast), max(most.values())
+    words = (
+        f"up to {rate:.3g} rad/s, expected less than {limits.FASTEST_RATE:.0f}: wrong units; correct those of {names} "
+        "in the map of the import, or, in a record made otherwise, their attributes `units`"
+    )
+    return RecordFault.over(time, names, "units", words, decisive=True)
 
 
 def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:

@@ -57,11 +57,15 @@ class Instruments:
         return {key: getattr(self, key) for key in INSTRUMENT_DIMENSIONS}
 
     @property
+    def stated(self) -> tuple[str, ...]:
+        """Keys of the tolerances that differ from the grade's own."""
+        own = of_grade(self.grade)
+        return tuple(key for key, value in self.values().items() if value != getattr(own, key))
+
+    @property
     def described(self) -> str:
         """The grade, and how many of the tolerances differ from its own."""
-        known, own = self.values(), of_grade(self.grade)
-        others = sum(value != getattr(own, key) for key, value in known.items())
-        return self.grade + (f" but for {others} of {len(known)} tolerances" if others else "")
+        return self.grade + (f" but for {len(self.stated)} of {len(_SIGMAS)} tolerances" if self.stated else "")
 
 
 INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {

@@ -43,6 +43,10 @@ def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",),
              ("gmt",), ("utc",)),
+    "mach": (("mach",), ("ma",)),
+    "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
+                         ("pdyn",), ("dynpress",), ("q", "inf"), ("q", "bar"), ("q", "psf"), ("q", "pa"),
+                         ("q", "kpa"), ("q", "psi")),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
     "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll"), *_as_rate("roll")),
     "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch"), *_as_rate("pitch")),
@@ -50,15 +54,12 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
-    "dynamic_pressure": (("dynamic", "pressure"), ("qbar",), ("qinf",), ("dyn", "press"), ("q", "dyn"), ("dynp",),
-                         ("pdyn",), ("dynpress",), ("q", "psf"), ("q", "pa"), ("q", "kpa"), ("q", "psi")),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",),
-                 ("vt",), ("vinf",), ("vair",)),
+                 ("vt",), ("vinf",), ("vair",), ("v", "inf")),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("hgt",), ("h",),
                  ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),
-    "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
     "mass": (("mass",), ("weight",)),
     "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
@@ -127,7 +128,7 @@ def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
     """The channel that words name, and how far down the list of its names; None for none."""
     triad = _axis_of(words)
     # A name that begins with one letter may go on with another quantity or its unit: P_BARO1, V_BATT, Q_PSF.
-    others = ("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")
+    others = ("bar", "inf", "dyn", "pres", "stat", "temp", "batt", "volt", "motor", "tank")
     of_another = any(word.startswith(others) or word in ("psf", "psi", "pa", "kpa") for word in words)
     for channel, names in _WORDS.items() if words and not triad else ():
         for rank, needed in enumerate(names):

@@ -1,15 +1,11 @@
 """Maximum-likelihood estimation of dynamic models by collocation, on bare functions.
 
-    fit                   fit.py          the entrance: dynamics, outputs, segments, start values -> FitResult
-    Segment               segment.py      a continuous record
-    TimeVaryingParameter  segment.py      a parameter that varies along a segment: weights times basis functions of time
-    Differenced           collocation.py  a function that is differentiated by differences
-    FitResult             result.py       estimate, standard errors, likelihood, innovations; its report
-    Status                search.py       how the search ended, with cause and remedy
-
-In the order of the data: segment (checked input), collocation (complex step or central differences; Hermite-Simpson
-defects), elimination (of the states), gauss_newton (step, line search, extrapolation), statistics (noise; standard
-errors), filter_error (process noise), search, result (and what cannot be trusted), starts (starting points), fit.
+fit                   fit.py          the entrance: dynamics, outputs, segments, start values -> FitResult
+Segment               segment.py      a continuous record
+TimeVaryingParameter  segment.py      a parameter that varies along a segment: weights times basis functions of time
+Differenced           collocation.py  a function that is differentiated by differences
+FitResult             result.py       estimate, standard errors, likelihood, innovations; its report
+Status                search.py       how the search ended, with cause and remedy
 """
 
 from brv_hypo.likelihood.collocation import Delayed, Differenced

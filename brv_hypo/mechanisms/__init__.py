@@ -1,12 +1,4 @@
-"""Mechanisms as plugins.
-
-contract.py        the plugin border: what a mechanism, an effect and a process are; the manual for plugin authors
-registry.py        finds what is installed, by name, and the nuisances of every hypothesis
-checked.py         calls of plugins, whose answers are checked
-yaml_mechanism.py  mechanisms that a YAML file defines
-conformance.py     named checks that every plugin must pass
-template/          a plugin package to start from, with $placeholders, which `brv-hypo mechanisms new` fills in
-"""
+"""Mechanisms as plugins: contract.py is what an author needs; template/ is what `brv-hypo mechanisms new` fills in."""
 
 from brv_hypo.mechanisms.contract import Component as Component
 from brv_hypo.mechanisms.contract import Delays as Delays
@@ -27,3 +19,4 @@ from brv_hypo.mechanisms.registry import parse_hypothesis as parse_hypothesis
 from brv_hypo.mechanisms.registry import plugin_files as plugin_files
 from brv_hypo.mechanisms.registry import record_effects as record_effects
 from brv_hypo.mechanisms.registry import use_plugin_files as use_plugin_files
+from brv_hypo.motion.motion import Motion as Motion

@@ -8,17 +8,6 @@ other kind of hypothesis: a perturbation of the record.
 A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements a hook, or both:
 `brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one of each.
 
-    class Ablation(Mechanism):
-        name, title = "ablation", "moment from uneven ablation"
-        claims, source = "out-of-plane moment proportional to alpha", "my report, Eq. 1"
-
-        def terms(self, motion, theta):
-            return (Term("C_Zalpha", 0.0 * motion.alpha, motion.alpha, "1/rad"),)
-
-    @hookimpl
-    def brv_hypo_mechanisms():
-        return [Ablation()]
-
 Class variables say what else is known of the mechanism. A process is a moment (`shapes`), or an error of the record
 (`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. `brv-hypo docs
 mechanism` has examples, `brv-hypo mechanisms new NAME` writes a package with its entry point, `check NAME` tests it.

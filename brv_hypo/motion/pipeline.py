@@ -18,7 +18,8 @@ from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.plausibility import impossible_rates
+from brv_hypo.flight.record import GYROS, Flight
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, inertial_record
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig, methods
@@ -33,13 +34,8 @@ AXIAL_SIGNIFICANT = 25.0  # squares of standard errors by which the axial coeffi
 
 def require_answerable(flight: Flight) -> None:
     """Raises UnanswerableError where the rates are constant or cannot be true, or the air is too thin."""
-    rates = np.hypot(flight.q, flight.r)
-    fastest = float(max(rates.max(), np.abs(flight.p).max()))
-    if fastest > limits.FASTEST_RATE:
-        raise UnanswerableError(
-            f"the gyros reach {fastest:.3g} rad/s, expected less than {limits.FASTEST_RATE:.0f}: their units are "
-            "probably wrong. Correct the `units` attributes of p, q and r."
-        )
+    if fault := impossible_rates(flight.time, {name: getattr(flight, name) for name in GYROS}):
+        raise UnanswerableError(f"the gyros, {fault.channel}: {fault.action}.")
     motion = float(np.std(flight.q) + np.std(flight.r))
     if motion == 0.0:
         raise UnanswerableError(

@@ -143,7 +143,9 @@ def find_differences(
     sizes = range(1, min(CHANGED_TOGETHER, known.size) + 1)
     best = [max(itertools.combinations(range(known.size), size), key=improvement) for size in sizes]
     falls = np.diff([0.0, *map(improvement, best)])
-    surely = int(np.argmin([*(known.size * stats.chi2.sf(falls, 1) < REFUSED), False]))
+    # A second one has to be as sure as what is told apart elsewhere: where one is far off, others err to second order.
+    more = falls[1:] > 2.0 * SPECIFIC
+    surely = int(np.argmin([*(known.size * stats.chi2.sf(falls[:1], 1) < REFUSED), *more, False]))
     chosen = [] if not best else list(best[max(surely - 1, 0)])
     errors = np.linalg.pinv(inverse[np.ix_(chosen, chosen)], rcond=_KNOWN)
     values, scales, found = errors @ weighed[chosen], np.sqrt(np.diag(errors)), []

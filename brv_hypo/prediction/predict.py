@@ -172,17 +172,27 @@ def _predict(
     # A test of estimates against the record that they are of would count it twice, and one on next to no samples that
     # the model is known at would be one of its extrapolation.
     if not here and flown.sum() >= TRACED_SMALLEST:
-        every = beside_processes(fit, fit.model, fit.problem.rows.part)
-        every = replace(every, rows=every.rows.allowing(moved))
-        alone = every.evidence([], ())
-        better = max(alone, every.null, key=lambda each: each.level)
 
         def differ(own: Evidence) -> FloatArray:
             """What fixed coefficients may differ by on two flights that both have processes, or have none."""
             return (stated if own.rows.groups else bare) + scale
 
-        differences = find_differences(better, terms, fixed, differ(better))
-        differs = any(each.p_value < REFUSED for each in differences)
+        about = fit
+        for again in (False, True):  # about this flight's own, where one that is far off moves the vehicle elsewhere
+            every = beside_processes(about, about.model, about.problem.rows.part)
+            every = replace(every, rows=every.rows.allowing(moved))
+            alone = every.evidence([], ())
+            better = max(alone, every.null, key=lambda each: each.level)
+            differences = find_differences(better, terms, fixed, differ(better))
+            differs = any(each.p_value < REFUSED for each in differences)
+            if again or not differs:
+                break
+            here_is = {(each.mechanism, each.term): each.frozen + each.value for each in differences}
+            own_values = [
+                here_is.get((t.mechanism, t.name), v) for t, v in zip(terms, fit.values.tolist(), strict=True)
+            ]
+            moving = fitted_about(fit.data, fit.model, np.array(own_values))
+            about = replace(moving, problem=moving.problem.on(fit.problem.rows.part), known=fit.known)
 
         def changed(places: Sequence[int]) -> tuple[LocalChange | None, Evidence]:
             """A change between two times beside some of the fixed coefficients within their covariance."""

@@ -179,8 +179,8 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     much = found.error.frozen > PREDICTED_SMALL * noise and freed < PREDICTED_GREATLY * left
     if remedy and (much or left > 1.0 or found.explained < 0.0):
         helps = (
-            f" Over the whole record its error is {left:.3g} of the mean square, errors of record and vehicle (trim "
-            f"too) assumed zero, which tests and interval fit; `--refit {remedy}` lets this flight have its own."
+            f" Over the whole record its error is {percent_of(left)} of the mean square, errors of record and vehicle "
+            f"(trim too) assumed zero, which tests and interval fit; `--refit {remedy}` lets this flight have its own."
         )
     overlap = f" It was estimated from {percent_of(found.of_own)} of this very record, which is not counted."
     own_part = overlap if 0.0 < found.of_own < 1.0 else ""
@@ -195,11 +195,14 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     if not found.own_record:  # the first sentence is what -q prints
         said += f"{_differs(found).lstrip() if contradicted else _AGREES} "
     said += f"On the {percent_of(found.flown)} of the samples where the model is known, the" if partly else "The"
+    fair = PREDICTED_HOLDS <= band.inside < band.level
+    fitted = " with what was refitted" if found.refitted else ""
     said += (
-        f" frozen model{found.without} {_explains(found.explained)} the mean square of the measured moments, noise "
-        "aside (no test: static moment and damping alone may make most of it); the same model fitted to this flight "
-        f"{_explains(own)} it. The frozen model's "
-        f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
+        f" frozen model{found.without}{fitted} {_explains(found.explained)} the mean square of the measured moments, "
+        "noise aside (no test: static moment and damping alone may make most of it); the same model fitted to this "
+        f"flight {_explains(own)} it. The frozen model's {100.0 * band.level:.0f} % prediction interval holds "
+        f"{100.0 * band.inside:.1f} % of the samples"
+        f"{f' ({100.0 * PREDICTED_HOLDS:.0f} % will do: neighbours err alike)' if fair else ''}."
     )
     if band.inside < PREDICTED_HOLDS and not (found.own_record or contradicted):
         said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
@@ -257,6 +260,7 @@ def _differs(found: Prediction) -> str:
 def _in_words(difference: Difference) -> str:
     """A coefficient that differs, the function that it is part of, and what may differ in its place."""
     units = "" if difference.units == "1" else f" {difference.units}"
+    beside = "" if difference.beside_processes else ", and no processes (the tables' sigma includes them)"
     own, like = difference.mechanism == BASELINE, difference.alternatives
     static = own and like and all(name.startswith(("C_m0", "C_malpha")) for name in (difference.term, *like))
     others = f" (or {' or '.join(like)} in its place: this flight does not distinguish them)" if like else ""
@@ -264,7 +268,7 @@ def _in_words(difference: Difference) -> str:
         f"{'its static moment is another: ' if static else ''}{difference.term}"
         f"{'' if own else f' ({difference.mechanism})'} is "
         f"{difference.frozen:.4g}{units} there and here {difference.frozen + difference.value:.4g}, a difference of "
-        f"{difference.value:+.2g} ± {difference.std_error:.2g}{others}"
+        f"{difference.value:+.2g} ± {difference.std_error:.2g} with the other coefficients as there{beside}{others}"
     )
 
 

@@ -33,8 +33,8 @@ CHANNELS = {
 """By chart and channel, title and scale of an axis."""
 ALONE = (
     "Dots: measured less baseline, processes and errors of the record: what is unexplained without it. With processes: "
-    "the sum; where these cancel the moment, only the sum is known. Moments are derivatives of smoothed rates: where "
-    "the plane of alpha turns fast, some of one component is in the other."
+    "the sum, also outside the shaded time; where these cancel the moment, only the sum is known. Moments are "
+    "derivatives of smoothed rates: where the plane of alpha turns fast, some of one component is in the other."
 )
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
@@ -44,7 +44,8 @@ EVIDENCE = (
     "missing. pred. error: "
     "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
     "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
-    "is split or added beside processes comes on top."
+    "is split or added beside processes comes on top. A hypothesis that only takes the place of processes has a large "
+    "F-ratio and predicts better than the baseline, but its ln evidence is small, or below zero by its price."
 )
 
 
@@ -211,10 +212,12 @@ def comparison_document(comparison: Comparison) -> Document:
     terms = comparison.baseline.terms
     errors = tables.error_table(comparison.record_errors, comparison.functions.get("C_malpha", ()))
     known, fits = comparison.record_errors, Texts(_fit_texts(comparison), shown="verbose")
+    read = Texts((tables.OF_ERRORS,) if errors.rows else (), bullets=False, shown="verbose")
     joined = (row.mechanism for row in ranking if "+" in row.mechanism and row.mechanism not in verdict.probability)
     idle = [f"{name} is no hypothesis of its own: a part of it does not act." for name in joined]
     beyond = [row for row in ranking if row.impossible and row.prediction_ratio < 1.0]
-    idle += [f"F-ratio, C_p and pred. error of {row.mechanism} are with {row.impossible}." for row in beyond]
+    only = ": read its ln evidence, which counts possible values alone"
+    idle += [f"F-ratio, C_p and pred. error of {row.mechanism} are with {row.impossible}{only}." for row in beyond]
     names = tables.collinear_names(comparison.collinear_groups)
     collinear = (
         tables.term_table("Baseline", terms, collinear=comparison.collinear_groups),
@@ -231,6 +234,7 @@ def comparison_document(comparison: Comparison) -> Document:
         subtitle=tables.flight_texts(comparison),
         conclusion_title=f"Verdict: {comparison.named()}",
         conclusion=comparison.conclusion(),
+        brief=comparison.conclusion().partition("\n")[0] if verdict.winner else "",
         decided=verdict.winner is not None,
         ahead=(
             *first["overview"],
@@ -253,7 +257,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)], folded=True),
-            Section("Errors of instruments and vehicle", [charts.errors_chart(known), errors, fits]),
+            Section("Errors of instruments and vehicle", [charts.errors_chart(known), errors, read, fits]),
             Section("Coefficients", [*functions(0), *tables.function_blocks(comparison.functions), *collinear], True),
             *others,
             *of_each,
@@ -323,7 +327,11 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]
     if fit is not None:
-        blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
+        blocks.append(
+            tables.term_table(
+                f"{name} by maximum likelihood: {fit.status}; a check, not to quote", fit.terms, knots=fit.knots
+            )
+        )
         trouble = (f"Maximum likelihood, {fit.trouble}: {comparison.quoted}.",) if fit.trouble else ()
         blocks.append(Texts((*tables.derived_texts(fit.derived), *trouble), shown="verbose"))
     return blocks

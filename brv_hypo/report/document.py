@@ -247,12 +247,13 @@ class Document:
     blocks: Sequence[Block | Section]
     beside: Sequence[Block] = ()  # what belongs to the conclusion, and follows it
     ahead: Sequence[Block] = ()  # what a page shows right after the conclusion, a terminal before it
+    brief: str = ""  # what one line has of the conclusion; else its first sentence
 
     @property
     def line(self) -> str:
-        """Title and first sentence of the conclusion, for one line."""
+        """Title, and what is brief of the conclusion, for one line."""
         sentence = re.split(r"(?<=\.) (?=[A-Z`])|\n", self.conclusion, maxsplit=1)[0]
-        return ": ".join(filter(None, (self.conclusion_title, sentence)))
+        return ": ".join(filter(None, (self.conclusion_title, self.brief or sentence)))
 
     @property
     def charts(self) -> tuple[Chart, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -58,7 +59,9 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     moves = f"q and r are strongest at {frequency} Hz, {samples} samples a cycle (alpha may oscillate faster)"
     moves = moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found"
     usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
-    title = "Faults" if trial.sound else "Faults: the record contradicts itself"
+    title = f"Faults: {'corrected as stated' if trial.sound else 'the record contradicts itself'}"
+    replaced = any(" replaced " in note or "masked" in note for note in inspection.notes)
+    none = f"No fault is found{', but for the samples that the notes name' if replaced else ''}."
     what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
@@ -66,7 +69,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
-        Texts(("No fault is found." if not faults else "" if trial.sound else f"\n{what_then}\n",), bullets=False),
+        Texts((none if not faults else "" if trial.sound else f"\n{what_then}\n",), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
         Texts(inspection.warnings, "Warnings", warning=True),
@@ -175,7 +178,8 @@ def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[
     inside, outside = flown.truth.planted_share
     planted = ", ".join(flown.truth.planted) or "nothing"
     if flown.truth.planted:
-        planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
+        whole = f"{share(math.hypot(inside, outside))} of the moment's rms"
+        planted += f", {whole} ({share(inside)} in plane, {share(outside)} across)"
     errors = ", ".join((*config.instruments.errors, *(each.mechanism for each in config.asymmetries)))
     said = f"; errors of the record: {errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
     texts = (

@@ -36,6 +36,12 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 
 ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
 ERRORS = "Errors above one sigma, and trim, least probable first"
+IN_A_PART = "In a part: what begins or ends in the record; of moment: throughout as well."
+UNLIMITED = "Trim and baseline hide more of what acts throughout. Processes are beside these limits, not within them."
+OF_ERRORS = (
+    "By the data alone: without its tolerance. Half waves of the wind (s1, 1, 2, ...) share the tolerance `wind`: each "
+    "has its part of it."
+)
 LEAST_ERROR = 1.0  # of the sigmas of fitted values, from which an error of the record is listed
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 SLOW = "drifts and gusts, in all hypotheses"
@@ -44,14 +50,14 @@ IN_TRIM = "The mean of a moment fixed in the body may be in trim instead."
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled. rms size: of the moment coefficient C_m that it makes, or "
     "of the error of instruments and air; of moment: that over the moment's rms, of instruments and air by the rates "
-    "that they make; relative: over an ordinary size. In parentheses: below its sigma. To simulate: JSON's `planted`."
+    "that they make (the verdict's shares count only what the baseline does not describe); relative: over an ordinary "
+    "size. In parentheses: below its sigma. To simulate: JSON's `planted`."
 )
 
 _VEHICLE = (
     "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
     "of these is assumed, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
-_KNOT, _WIDTH = " knot", " onset width"  # how names of derived times end
 RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 PAIRS = "Collinear pairs: correlation (variance inflations)"
@@ -86,7 +92,9 @@ def ranking_table(comparison: result.Comparison) -> Table:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
         rows.append(nothing | {"mechanism": result.OTHER, "prob.": probability(verdict.probability[result.OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    return Table(rows, "Hypotheses, by evidence", words=("mechanism",), marked=credible)
+    return Table(
+        rows, "Hypotheses, by evidence (F-ratio, C_p: fits without processes)", words=("mechanism",), marked=credible
+    )
 
 
 def shown_processes(comparison: result.Comparison) -> list[result.ProcessEstimate]:
@@ -165,7 +173,7 @@ def estimate_blocks(comparison: result.Comparison) -> list[Block]:
     within = sum(value not in net for value in every) if net else 0
     rest = f"{counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
     rises = any(term.name.startswith("ramp ") for term in leader.terms)
-    known = [e for e in leader.derived if e.region_s is None and _KNOT not in e.name and _WIDTH not in e.name]
+    known = [e for e in leader.derived if e.region_s is None and not e.name.endswith((result.KNOT, result.WIDTH))]
     shown = {term.delay_s for term in every}
     derived = derived_texts(sorted((e for e in known if e.value not in shown), key=lambda e: (e.name, e.value)))
     return [
@@ -186,8 +194,8 @@ def collinear_at(row: result.RankedHypothesis) -> list[list[str]]:
 def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
     """How large a hypothesis is, of which fit that is, why its errors are what they are; what is nearly collinear."""
     said = collinear_names(dict.fromkeys(group for each in row.intervals for group in each.collinear_groups))
-    if leads or not row.size:
-        return said
+    if leads or not row.size or row.share_std_error > row.share_of_moment:
+        return said if leads else [*filter(None, (row.size,)), *said]
     made, wider = row.share_beside_processes, number(row.share_beside_processes**-0.5, 2)
     bare = f"Fitted beside processes: the ranking's F-ratio, {number(row.f_ratio)}, is without them"
     beside = f"of what it and processes explain, it makes {share(made)}"
@@ -200,21 +208,12 @@ def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
 def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> Table:
     """One row for each knot of a hypothesis: its time on every flight, its error, how long it comes on, Mach number."""
     rows: list[dict[str, str]] = []
-    found: list[tuple[result.DerivedEstimate, result.DerivedEstimate | None]] = []
-    for each in row.derived:  # a width follows its knot
-        if each.name.endswith(_KNOT):
-            found.append((each, None))
-        elif each.name.endswith(_WIDTH) and found:
-            found[-1] = (found[-1][0], each)
+    found, lasts = row.changes, sum(each.stop_s - each.start_s for each in row.intervals)
     acts, flights = row.acting, comparison.flights
-    ends = {"onset": acts[0].start_s, "end": acts[-1].stop_s} if acts else {}
-    halves = {knot: 0.0 if width is None else 0.5 * width.value for knot, width in found}
-    # One may end while it still comes on: that is not the knot of its onset.
-    nearest = {n: min(halves, key=lambda k: abs(abs(at - k.value) - halves[k]), default=None) for n, at in ends.items()}
+    ends = {"onset": row.middle(acts[0].start_s), "end": row.middle(acts[-1].stop_s)} if acts else {}
     shared = len(flights) > 1 and bool(row.knots)
-    for knot, width in sorted(found, key=lambda pair: pair[0].value):
-        near = [name for name, at in ends.items() if abs(at - knot.value) <= halves[knot] + 1e-6]
-        said = [name for name in near if nearest[name] is knot]
+    for knot, width in found:
+        said = [name for name, at in ends.items() if abs(at - knot.value) < result.SAME_TIME]
         place = {"change": ", ".join(said) or "change"}
         if shared:
             mach = float(np.interp(knot.value, [k.time_s for k in row.knots], [k.mach for k in row.knots]))
@@ -222,7 +221,8 @@ def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> T
             place[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
         else:
             mach = comparison.mach_at(knot.value)
-            place |= {"time, s": instant(knot.value, knot.std_error), "sigma": number(knot.std_error, 2)}
+            at = instant(knot.value, knot.std_error) if knot.std_error < lasts else "undetermined"
+            place |= {"time, s": at, "sigma": number(knot.std_error, 2)}
         over = NOT_A_NUMBER if width is None else estimated(width.value, width.std_error)
         rows.append(place | {"over, s": over, "Mach": number(mach)})
     kept = [name for name in (rows[0] if rows else ()) if any(each[name] != NOT_A_NUMBER for each in rows)]
@@ -260,18 +260,18 @@ def limit_blocks(comparison: result.Comparison) -> list[Block]:
         for each in sorted(known, key=lambda each: each.share_of_moment_95)
     ]
     withheld = ", ".join(each.mechanism for each in verdict.limits if each not in known)
-    read = [] if scale is None or not rows else ["N m: at the rms dynamic pressure of the record."]
+    read = [UNLIMITED, *([] if scale is None else ["N m: at the rms dynamic pressure of the record."])] if rows else []
     sizes = [(e.mechanism, ", ".join(f"{k} {number(v, 2)}" for k, v in e.coefficients_95.items())) for e in known]
     if longest := "; ".join(f"{name} {largest}" for name, largest in sizes if largest):
         read.append(f"For a quarter of the record or longer, at most: {longest}.")
-    said = ["In a part: unless it acts throughout, where trim and baseline may hide more."] if rows else []
+    said = [IN_A_PART] if rows else []
     if any(each.share_of_moment_95 > 1.0 for each in known):
         said.append("Above 100 %: nothing that is smaller than the whole moment is excluded.")
     if verdict.outcome == "none adequate":
         said = ["Limits are withheld: no hypothesis that was compared is adequate."] if withheld else said
     elif withheld:
         said.append(f"Withheld for {withheld}: the record says nothing of their size.")
-    heading = "Upper limits at 95 %, smallest first, unseen beside leader, trim and baseline"
+    heading = "Upper limits at 95 %: what may hide beside leader, trim and baseline"
     excluded = Texts([" ".join(said)] if said else (), bullets=False)
     meaning = replace(excluded, texts=[" ".join(read)] if read else (), shown="verbose")
     return [Table(rows, heading, ("mechanism",)), excluded, meaning]
@@ -296,7 +296,8 @@ def error_table(errors: Sequence[result.RecordError], slopes: Sequence[Derivativ
     for each in (e for e in errors if e.sigmas > LEAST_ERROR or " C_" in e.name):
         of_moment = each.units == "1" and " C_" in each.name
         angle = np.degrees(1.0 if each.units == "rad" else 1.0 / slope if of_moment else np.nan)
-        row = {"error": each.name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
+        name = each.name + " (body)" * (" C_" in each.name)  # not the baseline's C_m0, in the plane of alpha
+        row = {"error": name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
         known = known_to(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
         rows.append(row | {"by the data alone": number(each.without_tolerance), "in deg": known})
@@ -329,7 +330,7 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[
     if said:
         said.append("That value and its error hold only for sizes of processes as estimated: no evidence by itself.")
     return [
-        Table(flown, "At the angle of attack flown (model and processes)", shown="verbose"),
+        Table(flown, "At the angle of attack flown (model, its C_damping in C_mq, and processes)", shown="verbose"),
         Texts(said, bullets=False, shown="verbose"),
         Table(zero, "At alpha = 0; in parentheses: extrapolated, no sample is near", shown="verbose"),
     ]
@@ -402,9 +403,10 @@ def derived_texts(derived: Iterable[result.DerivedEstimate]) -> list[str]:
     for item in derived:
         unit = "" if item.units == "1" else f" {item.units}"
         value = known_to(item.value, item.std_error) if np.isfinite(item.std_error) else number(item.value, 7)
+        value = "undetermined," if value == "0" and item.units == "s" else value
         line = f"{item.name} = {value} ± {number(item.std_error, 2)}{unit}"
         if item.units == "rad":
-            line += f" ({np.degrees(item.value):.1f} ± {np.degrees(item.std_error):.1f} deg)"
+            line += f" ({estimated(np.degrees(item.value), np.degrees(item.std_error))} deg)"
         lines.append(line + (f", of the change at {item.region_s[0]:.2f} s" if item.region_s else ""))
     return lines
 

@@ -20,7 +20,7 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_lines, term_table
-from brv_hypo.thresholds import SPECIFIC
+from brv_hypo.thresholds import NORMAL_95, SPECIFIC
 from brv_hypo.tracing.result import Family, Step, Trace, lasting_steps, names_added
 
 TRACED = "Models of trace have no processes; errors of record and vehicle (tolerances: 1 sigma) are fitted with them."
@@ -296,8 +296,8 @@ def outcome_text(step: Step, has: Sequence[str] = ()) -> str:
     here = f" (values of this step, not of the final model: {step.description})" if step.description else ""
     what = f"added {step.added}{here}"
     ratio = number(step.error_ratio_held_out)
-    if step.error_ratio_std_error is not None:
-        ratio += f" ± {number(step.error_ratio_std_error, 2)}"
+    if step.error_ratio_held_out is not None and step.error_ratio_std_error is not None:
+        ratio += f", at most {number(step.error_ratio_held_out + NORMAL_95 * step.error_ratio_std_error, 2)},"
     text = (
         f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "

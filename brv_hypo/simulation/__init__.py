@@ -1,10 +1,4 @@
-"""6-DOF flights with planted mechanisms and instrument errors, the truth set apart.
-
-simulate                        simulator.py: a configuration -> `SimulatedFlight`; Runge-Kutta, and the past
-SimulationConfig, load_config   config.py: the schema of configs/*.yaml, its files
-the equations of motion         vehicle.py: attitude, air, planted mechanisms
-Appendix B                      instruments.py: record effects and noise
-"""
+"""6-DOF flights with planted mechanisms and instrument errors, the truth set apart."""
 
 from brv_hypo.io.files import config_names as config_names
 from brv_hypo.io.files import config_path as config_path

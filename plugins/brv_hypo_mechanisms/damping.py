@@ -1,4 +1,4 @@
-"""Unstable damping: the in-plane damping moment feeds the oscillation (Table 2.1, a)."""
+"""Damping that changes in plane: more, or less, which may feed the oscillation (Table 2.1, a: unstable damping)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Damping(Mechanism):
     """C_N' += c (alpha_dot d / 2V); `complete` adds out of plane c alpha (p - phi_w_dot) d / 2V, of the precession."""
 
     name, title = "damping", "unstable damping"
-    claims = "a damping moment of the wrong sign in the plane of alpha; nothing out of plane"
+    claims = "more damping, or less, in the plane of alpha; nothing out of plane"
     source = "report, Table 2.1 (a)"
     stated_family = "rate"
 

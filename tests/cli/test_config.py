@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pydoc import locate
 
 import pytest
@@ -14,8 +15,10 @@ from brv_hypo.docs import text
 from brv_hypo.docs.manual import RESULTS, generated
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.inspection import inspect_flight
-from brv_hypo.flight.record import RecordTrial
+from brv_hypo.flight.record import CHANNEL_DIMENSIONS, VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.tolerances import instruments_from, of_grade
+from brv_hypo.importing.formats import Layout
+from brv_hypo.importing.record_map import RecordMap, read_map
 from brv_hypo.mechanisms import installed
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.report.listings import inspection_data, listing_data, simulation_data
@@ -118,6 +121,18 @@ def test_a_new_simulation_and_study_are_read(brv_hypo, tmp_path):
         assert brv_hypo("config", "new", kind, "-o", f"my_{kind}.yaml", cwd=tmp_path).returncode == 0
     assert load_config(tmp_path / "my_simulate.yaml").duration > 0.0
     assert read_study(tmp_path / "my_study.yaml").flights > 0
+
+
+def test_a_new_map_has_every_key_and_is_read(brv_hypo, tmp_path):
+    """As it is, and with what is optional in use."""
+    assert brv_hypo("config", "new", "import", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "import.yaml").read_text()
+    content = yaml.safe_load(re.sub(r"(?m)^( *)# ( *(?:- \{|\w+:))", r"\1\2", text))
+    assert set(content) == set(RecordMap.model_fields) - set(Layout.model_fields)
+    assert {*content["channels"], "reynolds"} == set(CHANNEL_DIMENSIONS)
+    assert set(content["vehicle"]) == set(VEHICLE_DIMENSIONS)
+    for each in (yaml.safe_load(text), content):
+        assert read_map(each).planet == "earth"
 
 
 def test_tolerances_that_come_along_can_be_written_and_used(brv_hypo, tmp_path):

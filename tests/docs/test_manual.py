@@ -356,7 +356,8 @@ class TestPages:
     def test_the_command_writes_them(self, pages, brv_hypo, tmp_path):
         done = brv_hypo("docs", "-o", "manual", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        assert {path.name: path.read_text() for path in (tmp_path / "manual").iterdir()} == pages
+        written = {path.name: path.read_text() for path in (tmp_path / "manual").iterdir()}
+        assert written == {**pages, "index.html": pages["start.html"]}
         assert brv_hypo("docs", "-o", "manual", cwd=tmp_path).returncode == 2
 
     @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 import yaml
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.plausibility import gyro_fault
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, units_in
+from brv_hypo.motion import reconstruct, try_record
 from brv_hypo.simulation import simulate
 from tests.flight.records import UNITS, VEHICLE
 from tests.importing import rockets
@@ -196,6 +198,9 @@ def test_a_table_without_time_is_refused(tmp_path: Path) -> None:
         ("PDYN_psf", "dynamic_pressure", "psf"),
         ("q_psf", "dynamic_pressure", "psf"),
         ("Mach", "mach", "dimensionless"),
+        ("v_mach", "mach", "dimensionless"),
+        ("v_inf_fps", "velocity", "ft/s"),
+        ("q_dyn_kPa", "dynamic_pressure", "kPa"),
     ],
 )
 def test_names_as_they_are_found_in_the_field(column: str, channel: str, units: str) -> None:
@@ -300,6 +305,30 @@ def test_gyros_in_units_of_their_own_keep_them(tmp_path: Path) -> None:
     assert not any("gyro" in doubt or "dps" in doubt for doubt in guess.unsure)
 
 
+def test_no_unit_makes_a_rate_that_no_vehicle_has(tmp_path: Path) -> None:
+    """Two gyros in deg/min beside one in revolutions per second: the roll decides in which units the forces follow."""
+    flight = simulate("research_cone", seed=1, duration=4.0).flight
+    units = {"time": "s", **dict.fromkeys(("ax", "ay", "az"), "mps2"), "velocity": "mps", "q_inf": "kPa"}
+    columns = {f"{name}_{unit}": getattr(flight, name) for name, unit in units.items() if name != "q_inf"}
+    columns |= {"q_inf_kPa": 1e-3 * flight.dynamic_pressure, "gyro_x": flight.p / (2.0 * np.pi), "v_mach": flight.mach}
+    columns |= {"gyro_y": 60.0 * flight.q / DEGREE, "gyro_z": 60.0 * flight.r / DEGREE}
+    guess = guess_map(write_csv(tmp_path / "a.csv", columns))
+    found = channels_of(guess.text)
+    assert [found[name]["column"] for name in ("q", "dynamic_pressure", "mach")] == ["gyro_y", "q_inf_kPa", "v_mach"]
+    assert all(f"{name}: units of gyro_{axis} are not stated: deg/s is a guess" in guess.unsure
+               for name, axis in zip("pqr", "xyz", strict=True))  # fmt: skip
+
+
+def test_gyros_that_no_vehicle_reaches_are_a_fault_and_a_refusal() -> None:
+    flight = simulate("research_cone", seed=1, duration=4.0).flight
+    misread = replace(flight, q=1e5 * flight.q, r=1e5 * flight.r)
+    fault = try_record(misread)[1].faults[0]
+    assert (fault.channel, fault.decisive) == ("q, r", True)
+    assert "correct those of q, r in the map" in fault.action
+    with pytest.raises(UnanswerableError, match=r"the gyros, q, r: up to .* expected less than 1000"):
+        reconstruct(misread)
+
+
 def test_signs_that_nothing_shows_are_said_to_be_unchecked(tmp_path: Path) -> None:
     flight = simulate("blunt_capsule", seed=1, duration=4.0).flight
     columns = {name: getattr(flight, name) for name in ("time", "p", "q", "r", "ax", "ay", "az", "velocity")}
@@ -342,16 +371,11 @@ def test_speed_is_derived_from_a_climb_alone(tmp_path: Path, falls: bool) -> Non
     assert channels_of(whole.text)["velocity"] == {"column": "VT_mps", "units": "m/s"}
 
 
-@pytest.mark.parametrize(("wrong", "named"), [("", []), ("q", ["q"]), ("r", ["r"]), ("pqr", ["p, q, r"])])
-def test_units_of_one_gyro_are_not_blamed_on_all(wrong: str, named: list[str]) -> None:
-    """One in rad/s that was taken for deg/s was silent, or all three were named."""
+@pytest.mark.parametrize(("wrong", "named"), [("", []), ("p", ["p"]), ("q", ["q"]), ("r", ["r"]), ("pqr", ["p, q, r"])])
+@pytest.mark.parametrize("misread", [DEGREE, 1.0 / DEGREE])
+def test_units_of_one_gyro_are_not_blamed_on_all(wrong: str, named: list[str], misread: float) -> None:
+    """One in rad/s that was taken for deg/s, or the reverse, was silent, or all three were named."""
     for seed in (1, 3, 5):
         log = rockets.fly(seed)
-        size = np.array([[DEGREE if name in wrong else 1.0] for name in "pqr"])
+        size = np.array([[misread if name in wrong else 1.0] for name in "pqr"])
         assert [fault.channel for fault in gyro_fault(log.time, size * log.rates, log.forces)] == named
-
-
-def test_units_of_the_roll_gyro_are_named_beside_what_is_as_likely() -> None:
-    log = rockets.fly(1)
-    (fault,) = gyro_fault(log.time, np.array([[DEGREE], [1.0], [1.0]]) * log.rates, log.forces)
-    assert "or p were in rad/s, read as deg/s" in fault.action

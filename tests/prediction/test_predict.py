@@ -139,6 +139,18 @@ def test_what_cannot_be_distinguished_is_an_alternative(not_refitted: Prediction
     assert "(or C_malpha3 in its place: this flight does not distinguish them)" in said
 
 
+@pytest.mark.parametrize(("off", "named"), [(2.7, ["C_npalpha"]), (3.5, ["C_npalpha", "C_mq"])])
+def test_beside_one_that_is_far_off_a_second_has_to_be_as_sure_as_an_effect(off: float, named: list[str]) -> None:
+    """Others err to second order where one is 100 sigma off: C_mq of a sister without Magnus moment was called so."""
+    covariance = np.eye(3)
+    own: Any = SimpleNamespace(
+        values=np.array([100.0, off, 0.3]), covariance=0.0 * covariance, rows=SimpleNamespace(groups=())
+    )
+    names = ("C_npalpha", "C_mq", "C_malpha")
+    terms: Any = [SimpleNamespace(name=name, mechanism=BASELINE, units="1/rad") for name in names]
+    assert [each.term for each in find_differences(own, terms, np.zeros(3), covariance)] == named
+
+
 @pytest.fixture(scope="module")
 def changed(traced: Trace) -> Prediction:
     """A sister whose slope is another for a while."""
@@ -381,7 +393,7 @@ def test_a_model_that_does_not_hold_is_reported_with_what_may_help(
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
     assert said.startswith("This flight contradicts the model")
-    assert "the frozen model does not hold here: its error is" in said.lower()
+    assert "the frozen model with what was refitted does not hold here: its error is" in said.lower()
     assert "`--refit trim,instruments` lets this flight have its own" in said
     assert "--refit" not in predicted.reason
 

@@ -12,11 +12,12 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo.comparison.intervals import collinear_groups, estimate
-from brv_hypo.comparison.result import ReconstructionSummary
+from brv_hypo.comparison.result import DerivedEstimate, ReconstructionSummary
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.report.document import Document, Table, Texts, flat
 from brv_hypo.report.tables import (
     collinear_names,
+    derived_texts,
     function_blocks,
     motion_known,
     ranking_table,
@@ -148,7 +149,7 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
         collinear_with={"two_lobes": (0.5, 0.95)},
     )
     flown, said, zero = function_blocks({"C_mq": [known]})
-    assert flown.heading == "At the angle of attack flown (model and processes)"
+    assert flown.heading == "At the angle of attack flown (model, its C_damping in C_mq, and processes)"
     assert [row["C_mq"] for row in flown.rows] == ["-0.300 ± 0.01", "-0.400 ± 0.01*"]
     assert [row["C_mq"] for row in zero.rows] == ["-0.100 ± 0.01", "(-0.200)"]
     assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
@@ -188,3 +189,14 @@ def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
     assert [row["quantity"] for row in table.rows] == ["mass", "ixx", "iyy", "reference length", "reference area"]
     assert table.rows[2]["tolerance"] != "–"
     assert "is assumed, so is their scale" in said.texts[0]
+
+
+def test_a_time_that_is_not_determined_is_said_to_be_so() -> None:
+    """An angle has the digits of its error in degrees too; a coefficient of nought is one."""
+    found = (("lag delay", 0.01, 19.0, "s"), ("threshold", 0.017412, 6.3e-5, "rad"), ("C_b", 1e-5, 0.014, "1"))
+    derived = [DerivedEstimate(name=n, value=v, std_error=e, units=u) for n, v, e, u in found]
+    assert derived_texts(derived) == [
+        "lag delay = undetermined, ± 19 s",
+        "threshold = 0.017412 ± 6.3×10⁻⁵ rad (0.9976 ± 0.0036 deg)",
+        "C_b = 0 ± 0.014",
+    ]
