@@ -97,12 +97,13 @@ def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evi
     corner = corner - sum(eliminated)
     constants, moments = 2 * len(problem.rows.part.levels), frame.columns(fit.columns)
     rest = np.zeros((frame.observed.size, count), dtype=complex)
+    between = {block for own in flights for block in own.blocks if 0 < block % count < count - 1 and block >= 0}
     for number, (own, part, products) in enumerate(whole):
         values, others = np.zeros((precision.size, count)), np.zeros((unknowns.size, count))
         border, first = own.unit.T @ part, own.scale.size - own.rates.shape[1]
         processes = np.zeros((own.rates.shape[1], count))
         for block, (rows, inside) in own.blocks.items():
-            if block < 0 or block % count in (0, count - 1):
+            if block not in between:
                 continue
             beside = part[rows]
             square, solved = _eliminated(products - inside, border - own.unit[rows].T @ beside)
@@ -117,10 +118,8 @@ def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evi
         made = drawn.grid.all_of(drawn.kept.rates @ others[constants:][drawn.places]) + own.rates @ processes
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
-    within = block_of % count
-    use = found.usable & (within > 0) & (within < count - 1)
-    use &= np.isin(block_of, [block for own in flights for block in own.blocks])
-    errors = found.body[np.arange(rest.shape[0]), within][use]
+    use = found.usable & np.isin(block_of, [*between])
+    errors = found.body[np.arange(rest.shape[0]), block_of % count][use]
     return float(np.sum(np.abs(errors) ** 2) / 2.0 / max(errors.size, 1))
 
 

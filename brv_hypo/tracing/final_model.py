@@ -106,9 +106,7 @@ def gathered(
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
-        dynamic_stability=" ".join(
-            filter(None, (stability_in_words(damped, "damping moment", doubt=False), change_in_words(damped)))
-        ),
+        dynamic_stability=damping_in_words(damped),
         stopped=stopped,
         unexplained=None if final.white else f"The residual has {final.words}.",
         caveats=(
@@ -173,9 +171,9 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
     return " ".join(sentences)
 
 
-def change_in_words(damped: Sequence[Derivative]) -> str:
-    """Where the damping of flights differs most, by more than the largest of so many differences at 5 % (Tukey)."""
-    said = list[str]()
+def damping_in_words(damped: Sequence[Derivative]) -> str:
+    """Where the damping is unstable, and changes by more than the largest of so many differences at 5 % (Tukey)."""
+    said = [stability_in_words(damped, "damping moment", doubt=False)]
     for one in damped:
         values, errors = np.array(one.at_flown), np.array(one.at_flown_std_error)
         ends = [int(np.argmin(values)), int(np.argmax(values))]
@@ -187,7 +185,7 @@ def change_in_words(damped: Sequence[Derivative]) -> str:
                 f"The damping{of} changes, C_mq {' and '.join(each)}: a course of time, Mach number or alpha in "
                 "model and processes; `compare` tests which mechanism it may be."
             )
-    return " ".join(said)
+    return " ".join(filter(None, said))
 
 
 def _when(slope: Derivative, chosen: BoolArray) -> str:

@@ -140,8 +140,7 @@ def _start(source: Flights) -> Fit:
     names, first, last = {m.name for m in chosen}, *(flights[0].time[k] for k in (0, -1))
     columns = [c for c in source.config.columns if c.mechanism in names]
     if columns and all(c.start is None or first <= c.start <= last for c in columns):
-        found = (each.regressor(model.mechanisms[each.mechanism]) for each in columns)
-        model = model.but(columns=(*model.columns, *found))
+        model = model.but(columns=(*model.columns, *(c.regressor(model.mechanisms[c.mechanism]) for c in columns)))
     elif chosen:
         problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)

@@ -49,7 +49,7 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert verdict.adequacy.p_value < 1e-3
     assert not verdict.adequacy.adequate
     assert hypothesis(comparison.ranking[0].mechanism) in verdict.reason
-    assert f"{verdict.adequacy.ratio:.3g} times" in verdict.reason
+    assert f"{verdict.adequacy.ratio:.2f} times" in verdict.reason
     assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
     assert comparison.flights[0].samples == 1283
 

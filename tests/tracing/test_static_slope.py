@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.final_model import _caveats_of, change_in_words, stability_in_words
+from brv_hypo.tracing.final_model import _caveats_of, damping_in_words, stability_in_words
 from tests.chains import reconstructed
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
@@ -89,9 +89,9 @@ def test_where_it_is_not_significantly_stable_is_reported_by_flight() -> None:
 
 def test_a_damping_that_changes_is_reported_with_both_ends() -> None:
     damped = sloped([0.0] * 3).model_copy(update={"at_flown_std_error": (0.7,) * 3, "at_flown": (-4.0, -12.0, -3.0)})
-    said = change_in_words([damped])
+    said = damping_in_words([damped])
     assert "changes, C_mq -12.00 ± 0.7 at 10 s (Mach 19) and -3.00 ± 0.7 at 20 s (Mach 18)" in said
-    assert change_in_words([damped.model_copy(update={"at_flown": (-4.0, -5.5, -3.9)})]) == ""
+    assert damping_in_words([damped.model_copy(update={"at_flown": (-4.0, -5.5, -3.9)})]) == ""
 
 
 def test_no_value_at_alpha_zero_is_stated_where_no_sample_is_near_it() -> None:
