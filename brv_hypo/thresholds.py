@@ -91,9 +91,7 @@ LARGEST_GROWTH = threshold(50, "1", "stamps are refused: samples of an even grid
 BRIDGED_SAMPLES = threshold(5, "samples", "a gap in rates and forces is bridged instead of cut", _GAPS)
 BRIDGED_CYCLES = threshold(1.0 / 8.0, "cycles of the transverse motion", "or is so short: bridged, not cut", _GAPS)
 BRIDGED_SECONDS = threshold(1.0, "s", "a gap in the air data is bridged instead of cut", _GAPS)
-PRESSURE_CONSISTENT = threshold(
-    0.05, "1", "dynamic pressure contradicts density and speed", "tests/flight/test_derive.py"
-)
+PRESSURE_CONSISTENT = threshold(0.05, "1", "pressure contradicts density and speed", "tests/flight/test_derive.py")
 
 # ---- Trial of the record: gyros against accelerometers against air data ----
 
@@ -183,7 +181,7 @@ NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its o
 ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", "Kass and Raftery 1995: strong")
 MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)
 FURTHER_REGION = threshold(10.0, "nats", "a mechanism acts in a further region: twice very strong", _FLIGHTS)
-MOST_REGIONS = threshold(2, "1", "separate regions of a mechanism; more describe something else", _FLIGHTS)
+MOST_REGIONS = threshold((2, 0.1), "1", "a name: regions with more than that of its squares", _FLIGHTS)
 FAR_TOLERANCES = threshold(5.0, "1", "tolerances of an error beside which a cause is not established", _FLIGHTS)
 FAR_PROCESS = threshold(20.0, "1", "ordinary sizes of a process: far beyond them", "1.5 to 2 sigma of its prior")
 NORMAL_95 = threshold(1.96, "1", "standard deviations on either side that hold 95 %", "normal distribution")

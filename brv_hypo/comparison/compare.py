@@ -119,11 +119,8 @@ def compare(
 
 def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
     """The comparison without the mechanisms and effects that broke their contract."""
-    hypotheses = {
-        name: mechanisms
-        for name, mechanisms in _hypotheses(config).items()
-        if faulty.isdisjoint(mechanism.name for mechanism in mechanisms)
-    }
+    parsed = _hypotheses(config).items()
+    hypotheses = {name: own for name, own in parsed if faulty.isdisjoint(each.name for each in own)}
     begun = clock.perf_counter()
     say("reconstructing the motion")
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
@@ -193,11 +190,9 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         impossible = None if possible or excess is None else excess.words
         listed.append(rules.Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
-        rules.Candidate(
-            fit.name, judgement.weighed(fit, own.level - null.level, each), each * own.held_out, words=words
-        )
+        rules.Candidate(fit.name, judgement.weighed(fit, own.level - null.level, per), per * own.held_out, words=words)
         for words, fit, own in judgement.outside(beside, hypotheses)
-        for each in (beside.weight_of(fit, own),)
+        for per in (beside.weight_of(fit, own),)
     ]
     leader, share = beside.fits[beside.leader], judgement.explained(beside)
     processes = judgement.processes(beside.evidences[beside.leader])
@@ -207,8 +202,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     of_leader = max((each.share_of_moment for each in found if each.mechanism == leader.name), default=0.0)
     of_processes = math.hypot(*(each.share_of_moment for each in processes if each.is_of_moment))
     more = share.share > share.processes or of_leader > of_processes
-    regions = len(leader.regions) if leader.selected else 0
-    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0, regions)
+    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0, beside.regions)
     verdict = rules.judge(listed, instead, how, share, processes, other_prior)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)

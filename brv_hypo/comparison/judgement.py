@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -61,7 +62,7 @@ from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
+from brv_hypo.thresholds import MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
@@ -108,6 +109,15 @@ class Judged:
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
         return self.evidences[self.leader].noise * self.rows.noise_ratio
+
+    @property
+    def regions(self) -> int:
+        """Regions of the leader with more than a trifle of the squares of the moment that its terms make."""
+        fit = self.fits[self.leader]
+        made = self.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
+        parts = [made[:, [*chain(*each)]].sum(axis=1) for each in (fit.regions if fit.selected else ())]
+        squares = np.array([np.sum(np.abs(part) ** 2) for part in parts])
+        return int(np.sum(squares > MOST_REGIONS[1] * squares.sum()))
 
     @cached_property
     def squares(self) -> float:
@@ -428,9 +438,7 @@ def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
 
 
 def _described(fit: HypothesisFit) -> str:
-    rates = {
-        f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE
-    }
+    rates = {f"turning in the body at {value:.3g} rad/s" for c in fit.selected for key, value in c.theta if key == RATE}
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     return f"a moment that no mechanism on the list has ({shapes}{acts_since(fit, starts)})"

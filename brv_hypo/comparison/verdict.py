@@ -157,7 +157,7 @@ def decide(
     if leader.impossible is not None:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    explains = fit.explains > 0.0 and fit.significant and fit.regions <= MOST_REGIONS
+    explains = fit.explains > 0.0 and fit.significant and fit.regions <= MOST_REGIONS[0]
     predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
     certain = chances[leader.name] >= WINNING_PROBABILITY
@@ -292,7 +292,7 @@ def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit,
     elif not fit.significant:
         sizes = "" if found is None else f" ({percent(found.share)} %, these {percent(found.processes)} %)"
         lacks.append(f"explains less than processes do{sizes}")
-    if fit.regions > MOST_REGIONS:
+    if fit.regions > MOST_REGIONS[0]:
         lacks.append(f"acts in {fit.regions} separate regions, as a description of something else would")
     if np.sum(leader.held_out) <= np.sum(null.held_out):
         lacks.append("predicts stretches of the record from the others no better than baseline and processes")

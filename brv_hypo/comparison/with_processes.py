@@ -29,7 +29,7 @@ from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, TimeBasis, term_column, theta_grid
-from brv_hypo.thresholds import FURTHER_REGION, MOST_REGIONS, ONSET_TAKES_TIME
+from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
@@ -48,6 +48,7 @@ WITH_ONSETS = 3  # of those that come on over a time too, at most
 # Standard errors of a delay at which the evidence is found; of a knot, the last of them is one standard error.
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
+FURTHER = 2  # regions beside the first in which one mechanism acts, at most: one more than a name may have
 CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow
 INCONSISTENT = 20.0  # nats by which the level falls with that static moment: another round
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
@@ -132,7 +133,7 @@ def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
     """With onsets that take time, and further times of acting, not the shape of an onset, where clearly wanted."""
-    for _ in range(MOST_REGIONS if len(pair[0].mechanisms) == 1 else 0):
+    for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
         (found,) = regions([own], frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)

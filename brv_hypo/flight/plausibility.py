@@ -77,8 +77,8 @@ MISREAD_PRESSURES = {
 SLOWEST_MACH = 0.3  # from which a Mach number is known well
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
-Air = tuple[FloatArray, FloatArray, FloatArray]
-"""Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
+Air = tuple[FloatArray, FloatArray, FloatArray, float]
+"""Speed (n,) m/s, what is proportional to dynamic pressure (n,), the unit's place (3,) m from the c.g., its 1-sigma."""
 
 
 @dataclass(frozen=True)
@@ -140,15 +140,11 @@ def air_of(channels: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray] 
     return channels["velocity"], scale if name == "dynamic_pressure" else scale * channels["velocity"] ** 2
 
 
-def nose_axis(
-    time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None, arm_off: float = ARM_OFF
-) -> Tilt | None:
-    """The nose by thrust, drag and much spin of `rates` (3, n) rad/s and `forces` (3, n) m/s^2, else by a coast;
-    `arm_off` m: 1-sigma of the accelerometers' place.
-    """
+def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None) -> Tilt | None:
+    """The nose by thrust, drag and much spin of `rates` (3, n) rad/s and `forces` (3, n) m/s^2, else by a coast."""
     flown = powered_flight(time, forces)
     if flown is None:
-        return None if air is None else coasting_axis(time, rates, forces, air, arm_off)
+        return None if air is None else coasting_axis(time, rates, forces, air)
     first, speed, (ignition, top, end) = flown
     used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
@@ -181,7 +177,7 @@ def _tilted(
     return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
 
 
-def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air, arm_off: float) -> Tilt | None:
+def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air) -> Tilt | None:
     """The nose in the longest part without a gap; None without two turns, or where forces follow from no rates."""
     known = np.isfinite(air[0] + air[1] + np.sum(rates, axis=0) + np.sum(forces, axis=0))
     longest = slice(*max(runs(known), key=lambda run: run[1] - run[0], default=(0, 0)))
@@ -213,7 +209,7 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
         # The whole is twice as long as its parts, and its error half of theirs. Where spin and drag lean nearly alike,
         # their difference magnifies the error of each.
         apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
-        lean = np.hypot(SPIN_OFF, arm_off * float(np.mean(omega[0] ** 2)) / abs(float(np.mean(force[0]))))
+        lean = np.hypot(SPIN_OFF, air[3] * float(np.mean(omega[0] ** 2)) / abs(float(np.mean(force[0]))))
         sigma = float(np.hypot(apart, np.hypot(times * SPIN_OFF, lean) / abs(times - 1.0)))
         last, step = step, float(np.linalg.norm(tilts[-1]))
         if step < sigma or step > last:

@@ -24,7 +24,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.plausibility import Tilt, air_of, contradictions, gyro_fault, mounting_fault, nose_axis
+from brv_hypo.flight.plausibility import ARM_OFF, Tilt, air_of, contradictions, gyro_fault, mounting_fault, nose_axis
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
@@ -388,7 +388,7 @@ def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | No
         return nose_axis(time, *_triads(channels))
     place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
     value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
-    return nose_axis(time, *_triads(channels), (*air, np.broadcast_to(value, (3,))))
+    return nose_axis(time, *_triads(channels), (*air, np.broadcast_to(value, (3,)), ARM_OFF))
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:

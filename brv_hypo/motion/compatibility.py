@@ -388,12 +388,13 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         physics = plausibility.contradictions(masked.time, known, masked.vehicle, masked.planet == "earth")
         tolerance = max(*masked.instruments.gyro_misalignment, *masked.instruments.accel_misalignment)
         read = {each: np.stack([known[name] for name in _INSTRUMENTS[each]]) for each in _TRIADS}
-        air = (known["velocity"], known["dynamic_pressure"], np.array(masked.vehicle.accelerometer_position))
+        place = np.array(masked.vehicle.accelerometer_position), max(masked.instruments.accel_position)
+        air = (known["velocity"], known["dynamic_pressure"], *place)
         mistake, contradictions = _contradictions(averaged(masked))
         turned = []  # whether the axes of the unit are not the vehicle's, as it reads and without the mistake
         for one in [AS_IT_IS, *([] if mistake is AS_IT_IS else [mistake])]:
             rates, forces = (one.factors.get(each, np.eye(3)) @ values for each, values in read.items())
-            nose = plausibility.nose_axis(masked.time, rates, forces, air, max(masked.instruments.accel_position))
+            nose = plausibility.nose_axis(masked.time, rates, forces, air)
             turned.append(plausibility.mounting_fault(masked.time, nose, tolerance))
         # Units that alone make the mounting right are the simpler mistake; their effects come after it.
         restores = mistake.fault == "units" and not turned[-1]

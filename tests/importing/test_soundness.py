@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import Flight
 from brv_hypo.flight.inspection import held_or_rounded
-from brv_hypo.flight.plausibility import nose_axis
+from brv_hypo.flight.plausibility import ARM_OFF, nose_axis
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Record
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.rocket_log import decimated, needed_rate
@@ -120,7 +120,7 @@ def test_a_coast_without_thrust_shows_how_the_unit_is_mounted(turn: str) -> None
     axis, angle = turn.split()
     matrix = Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
     rates, forces = (matrix @ np.stack([getattr(made, name) for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-    air = (made.velocity, made.dynamic_pressure, np.array(made.vehicle.accelerometer_position))
+    air = (made.velocity, made.dynamic_pressure, np.array(made.vehicle.accelerometer_position), ARM_OFF)
     found = nose_axis(made.time, rates, forces, air)
     assert found is not None
     assert np.degrees(np.arccos(min(found.nose @ matrix[:, 0], 1.0))) < 3.0 * np.degrees(found.sigma)
