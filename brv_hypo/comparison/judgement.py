@@ -168,12 +168,14 @@ class Searched:
         return found if found.absolute > known.absolute else None
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-        """Hypotheses linear about one. Where another leads there, or its residual is more than noise, the record is
-        linearised about that beside its processes once more; the likelier of both is kept.
+        """Hypotheses linear about one. Where another leads there, its residual is more than noise, or it acts in several
+        regions (of which one may be what is not linear of another), the record is linearised about that beside its
+        processes once more; the likelier of both is kept.
         """
         first = self._about(self.problem, point, fits)
         leader = likeliest(first.fits)
-        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1]:
+        several = bool(leader.selected) and len(leader.regions) > 1
+        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1] and not several:
             return first
         second = self._about(first.problem, leader, first.fits, _point_beside(first))
         if second.absolute > first.absolute:
