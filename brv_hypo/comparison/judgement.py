@@ -168,9 +168,9 @@ class Searched:
         return found if found.absolute > known.absolute else None
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-        """Hypotheses linear about one. Where another leads there, its residual is more than noise, or it acts in several
-        regions (of which one may be what is not linear of another), the record is linearised about that beside its
-        processes once more; the likelier of both is kept.
+        """Hypotheses linear about one. Where another leads there, its residual is more than noise, or it acts in
+        several regions (of which one may be what is not linear of another), the record is linearised about that beside
+        its processes once more; the likelier of both is kept.
         """
         first = self._about(self.problem, point, fits)
         leader = likeliest(first.fits)

@@ -298,3 +298,13 @@ def test_a_moment_that_changes_at_the_records_very_end_acts_throughout(
     frame = SimpleNamespace(coefficient_time=np.linspace(0.0, 6.0, 601), common=None)
     fit: Any = SimpleNamespace(frame=frame, selected=(None,) * columns)
     assert acts_since(fit, knots) == said
+
+
+@pytest.mark.slow
+def test_what_was_not_linear_about_the_search_is_no_further_region() -> None:
+    """Of a lag of full size, whose delay was 6 sigma off, with ramps of its fraction before and in the region."""
+    flown = simulate("blunt_capsule", seed=9280771, plant=["lag"], instruments={"draw": 1.0})
+    first = compare(flown, mechanisms=["lag"], maximum_likelihood="none").ranking[0]
+    (fraction, _), (delay,) = first.terms, (each for each in first.derived if each.name == "lag delay")
+    assert (fraction.value - 1.0) / fraction.std_error == pytest.approx(0.0, abs=3.0)
+    assert (delay.value - 0.04) / delay.std_error == pytest.approx(0.0, abs=3.0)
