@@ -55,6 +55,8 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains, null = dict[str, dict[str, Any]](), judged.evidences[judged.null].held_out
     independent = judged.weight / share_of((fit, own))
+    flights = [(each.flight.dynamic_pressure, each.flight.vehicle) for each in motions]
+    newton_metres = np.concatenate([q * vehicle.reference_area * vehicle.reference_length for q, vehicle in flights])
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
         error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
@@ -65,6 +67,7 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
             share, moment = share_of((each, evidence)), evidence.rows.measured_moment
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
             gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
+            gains[each.name] |= {"rms_moment": size * rms(newton_metres)}
             gains[each.name] |= {"share_beside_processes": share}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
@@ -362,7 +365,7 @@ def _histories(own: Evidence, flight: int) -> dict[str, Any]:
         if isinstance(process, MomentProcess):
             squares = np.array_split(np.abs(np.array(process.shapes(motion))) ** 2, _TIMES, axis=1)
             local = np.sqrt(np.stack([part.mean(axis=1) for part in squares], axis=1))
-            made = local / max(rms_of_shapes(process, motion), 1e-300)
+            made = local / rms_of_shapes(process, motion)
         pairs = zip(*((made * each).tolist() for each in known), strict=True)
         found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
     return found

@@ -257,9 +257,7 @@ def _shapes(
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(thetas[0]))]
     stops = np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf)
     bases = [TimeBasis("jump", *between) for between in zip(edges[:-1].tolist(), stops.tolist(), strict=True)]
-    parts = [
-        Regressor(mechanism.name, name, t, basis, units) for t in thetas for basis in bases for name, units in names
-    ]
+    parts = [Regressor(mechanism.name, name, t, basis, unit) for t in thetas for basis in bases for name, unit in names]
     count, terms = len(bases), len(names)
     products = evidences[0].with_moments(evidences[0].rows.rates_of_moments(frame, parts))
     ends, every = _every_region(count, widths)

@@ -132,6 +132,7 @@ class RankedHypothesis(NullIsNaN):
     held_out_gain_std_error: float = Field(default=float("nan"), description="1 sigma, nats")
     share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
+    rms_moment: float = Field(default=float("nan"), description="the same, N m")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
     process_shares: dict[str, float] = Field(default={}, description="of the moment; below its sigma: left out")
     ml: MaximumLikelihood | None = Field(default=None, description="fit by maximum likelihood; null: none was made")
@@ -146,8 +147,9 @@ class RankedHypothesis(NullIsNaN):
             return "Its own moment is not known: processes, or its parts, may cancel it."
         whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
         high = 100.0 * self.share_of_moment * np.sqrt(whole / (acts or whole))
-        then = f", {number(high, 2)} % while it acts" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
-        return f"Its rms moment is {share} % of the record's{then} (±: 1 sigma)."
+        then = f", {number(high, 2)} % while acting" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        made = "" if np.isnan(self.rms_moment) else f", {number(self.rms_moment, 2)} N m,"
+        return f"Its rms moment{made} is {share} % (1 sigma) of the record's{then}."
 
     @property
     def changes(self) -> list[tuple[DerivedEstimate, DerivedEstimate | None]]:
@@ -497,9 +499,8 @@ class Comparison(HasCharts, Result):
         lines.append(beyond_text(self.record_errors, leader, self.verdict.outcome))
         lines.append(self._far_processes())
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
-            lines.append(
-                f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
-            )
+            name = hypothesis(self.ranking[0].mechanism)
+            lines.append(f"Maximum likelihood of {name}: {fit.trouble}: {self.quoted}.")
         return "\n".join(filter(None, lines))
 
     def _gaps(self) -> str:

@@ -136,10 +136,10 @@ def along_flights(
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
     `weight`: what a nat counts in the errors.
     """
-    motions, errs = own.rows.frame.motions, (weight, scale_variance(own.rows.problem))
-    return tuple(
-        along_flight(m, k, partial(_along, own, columns, frame, k, m, by, errs)) for k, m in enumerate(motions)
-    )
+    errors, found = (weight, scale_variance(own.rows.problem)), list[Derivative]()
+    for k, motion in enumerate(own.rows.frame.motions):
+        found.append(along_flight(motion, k, partial(_along, own, columns, frame, k, motion, by, errors)))
+    return tuple(found)
 
 
 def scale_variance(problem: Problem) -> float:
@@ -242,7 +242,7 @@ def moment_of_process(own: Evidence, place: int, process: MomentProcess) -> tupl
     for flight, motion in enumerate(own.rows.frame.motions):
         shares = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])
         values, errors = process_history(own, place, process.splines, flight, shares)
-        shapes = np.array(process.shapes(motion)) / max(rms_of_shapes(process, motion), 1e-300)
+        shapes = np.array(process.shapes(motion)) / rms_of_shapes(process, motion)
         squares.append(np.abs(np.sum(shapes * values, axis=0)) ** 2)
         variances.append(np.sum(np.abs(shapes) ** 2 * errors**2, axis=0))
     size, error = (float(np.sqrt(np.mean(np.concatenate(each)))) for each in (squares, variances))
@@ -254,7 +254,7 @@ def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]
     place = [group.name for group in own.rows.groups].index(process.name)
     values, motion = np.split(own.spline_coefficients(place)[0], len(own.rows.blocks))[flight], own.rows.frame.motions
     if isinstance(process, MomentProcess):
-        values = values / max(rms_of_shapes(process, motion[flight]), 1e-300)
+        values = values / rms_of_shapes(process, motion[flight])
         kinds = [f"{process.name} {k}" for k in range(values.size // process.splines)]
     else:
         kinds = list(process.channels)

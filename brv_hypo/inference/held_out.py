@@ -90,9 +90,8 @@ def _error(problem: Problem, flights: Sequence[_Flight], fit: HypothesisFit, evi
     shared = shared / scale
     corner = shared.T @ shared + _RIDGE * np.eye(scale.size)
     corner[np.diag_indices(precision.size)] += precision / scale[: precision.size] ** 2
-    whole = [
-        (each, part, each.products(evidence)) for each, part in zip(flights, unknowns.by_flight(shared), strict=True)
-    ]
+    parts = zip(flights, unknowns.by_flight(shared), strict=True)
+    whole = [(each, part, each.products(evidence)) for each, part in parts]
     eliminated = [_eliminated(products, each.unit.T @ part)[0] for each, part, products in whole]
     corner = corner - sum(eliminated)
     constants, moments = 2 * len(problem.rows.part.levels), frame.columns(fit.columns)

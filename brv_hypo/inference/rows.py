@@ -447,7 +447,7 @@ def rates_of_processes(
     span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
     for process in (each.model_copy(update=span) for each in moments):
         columns = [Regressor(process.name, term.name) for term in process.terms(motion, {})]
-        size = moment / max(rms_of_shapes(process, motion), 1e-300)
+        size = moment / rms_of_shapes(process, motion)
         found.append(size * own.with_mechanisms([process]).columns(columns))
     return found
 

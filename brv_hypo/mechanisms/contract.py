@@ -246,8 +246,8 @@ class MomentProcess(Mechanism):
 
 
 def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:
-    """Of all shapes of a process together over a motion: what a coefficient of 1 makes."""
-    return float(np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2)))
+    """Of all shapes of a process together over a motion: what a coefficient of 1 makes; tiny where that is nothing."""
+    return max(float(np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2))), 1e-300)
 
 
 class RecordProcess(RecordEffect):

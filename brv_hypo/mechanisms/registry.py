@@ -167,9 +167,8 @@ def _add(found: dict[str, Installed], package: str, version: str, load: Callable
     except MechanismError as error:
         items, problems = [], [str(error)]
     for item in items:
-        kept = found.setdefault(
-            item.name, Installed(item if package == OWN else checked(item, package), package, version)
-        )
+        entry = Installed(item if package == OWN else checked(item, package), package, version)
+        kept = found.setdefault(item.name, entry)
         if unchecked(kept.item) is not item:
             twice = f"'{item.name}' of {package} has the name of one of {kept.package}"
             then = (

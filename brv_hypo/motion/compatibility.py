@@ -173,9 +173,7 @@ class Readings:
         if any(flight.vehicle.accelerometer_position):
             change = np.stack([differentiated(flight, channel).rate.real for channel in channels["gyros"]])
         follow = {"density": DENSITY_FOLLOWS, "dynamic_pressure": PRESSURE_FOLLOWS, "altitude": ALTITUDE_FOLLOWS}
-        derived = frozenset(
-            name for name, note in follow.items() if any(each.startswith(note) for each in flight.notes)
-        )
+        derived = frozenset(name for name, note in follow.items() if any(n.startswith(note) for n in flight.notes))
         return cls(flight.time, channels, change, sigma, has_altitude, derived)
 
     def corrected(self, correction: Correction) -> Readings:

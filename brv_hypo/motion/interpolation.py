@@ -128,9 +128,8 @@ def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
             if other != own:
                 weights[:, own] *= (places - nodes[first + other]) / (node - nodes[first + other])
     which = (first[:, np.newaxis] + np.arange(width)).ravel()
-    return sparse.csr_array(
-        (weights.ravel(), which, np.arange(places.size + 1) * width), shape=(places.size, nodes.size)
-    )
+    starts = np.arange(places.size + 1) * width
+    return sparse.csr_array((weights.ravel(), which, starts), shape=(places.size, nodes.size))
 
 
 def applied(operator: sparse.csr_array, values: Values) -> Values:

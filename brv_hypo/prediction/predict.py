@@ -22,6 +22,7 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.comparison.judgement import processes
 from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import FlightSource, load_flight, one_flight
@@ -163,7 +164,7 @@ def _predict(
     fixed, covariance = fit.known[: len(columns)], within.covariance[: len(columns), : len(columns)].copy()
     known, stated, bare, scale = _uncertain(fit, content, places)
     moved = _moved_by_times(fit, content, places)
-    change, differences, differs, misfit = None, tuple[Difference, ...](), False, float("nan")
+    change, differences, differs, misfit, far = None, tuple[Difference, ...](), False, float("nan"), tuple[str, ...]()
     covariance[np.ix_(known, known)] = stated
     terms = estimates(columns, np.where(np.isfinite(fixed), fit.values, within.values), covariance, data.frame)
     motion, samples, flown = data.frame.motions[0], data.frame.samples(0), _flown(content, data, own_spans)
@@ -188,10 +189,9 @@ def _predict(
             if again or not differs:
                 break
             here_is = {(each.mechanism, each.term): each.frozen + each.value for each in differences}
-            own_values = [
-                here_is.get((t.mechanism, t.name), v) for t, v in zip(terms, fit.values.tolist(), strict=True)
-            ]
-            moving = fitted_about(fit.data, fit.model, np.array(own_values))
+            pairs = zip(terms, fit.values.tolist(), strict=True)
+            moved_to = np.array([here_is.get((each.mechanism, each.name), value) for each, value in pairs])
+            moving = fitted_about(fit.data, fit.model, moved_to)
             about = replace(moving, problem=moving.problem.on(fit.problem.rows.part), known=fit.known)
 
         def changed(places: Sequence[int]) -> tuple[LocalChange | None, Evidence]:
@@ -203,6 +203,7 @@ def _predict(
 
         change, within_both = changed(range(known.size))
         misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
+        far = tuple(each.sized for each in processes(better) if each.is_far and each.is_of_moment)
         if change is not None and differs:
             # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
             differing = {(each.mechanism, each.term) for each in differences}
@@ -232,6 +233,7 @@ def _predict(
         further_differences=differences[1:],
         refused=change is not None or differs,
         misfit=misfit,
+        far_processes=far,
         left_out=left_out,
         own_record=here,
         of_own=1.0 if here else sum(flight.window(*span).samples for span in own_spans) / flight.samples,

@@ -112,6 +112,7 @@ class Prediction(HasCharts, Result):
     further_differences: tuple[Difference, ...] = Field(default=(), description="coefficients that differ besides")
     refused: bool = Field(default=False, description="whether the flight contradicts the model (5 %)")
     misfit: float = Field(default=float("nan"), description="rms residual over noise, beside processes; null: no test")
+    far_processes: tuple[str, ...] = Field(default=(), description="of moments, far beyond an ordinary size, and times")
     left_out: tuple[str, ...] = Field(default=(), description="mechanisms of certain times of the model's own flights")
     own_record: bool = Field(default=False, description="whether the model was estimated from this record")
     of_own: float = Field(default=0.0, description="share of the record that the model was estimated from")
@@ -121,7 +122,7 @@ class Prediction(HasCharts, Result):
     @property
     def lacks_an_effect(self) -> bool:
         """Whether something acts that no coefficients of this model explain."""
-        return bool(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED)
+        return bool(self.far_processes) or bool(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED)
 
     @property
     def outcome(self) -> str:
@@ -165,7 +166,7 @@ _OWN_RECORD = (
 )
 _AGREES = (
     "This flight does not contradict the model: no coefficient differs, nor slope or damping for a part, by more than "
-    "chance (5 %), and beside processes the residual is noise."
+    "chance (5 %), and beside processes the residual is noise; what these may replace is for `compare` to find."
 )
 _ITS_ERRORS = "Errors of instruments and vehicle are those that were fitted to it within their tolerances. "
 
@@ -235,10 +236,12 @@ def _differs(found: Prediction) -> str:
     """In what this flight contradicts the model."""
     difference, change, said = found.difference, found.local_change, ""
     if found.lacks_an_effect:
+        far = ", ".join(found.far_processes)
+        still = f"this flight's residual is still {found.misfit:.2g} times the noise"
+        still = f"processes are far beyond their ordinary size here ({far} times)" if far else still
         return (
-            f" Beside processes and with coefficients of its own, this flight's residual is still {found.misfit:.2g} "
-            f"times the noise: something acts that the model{found.without} lacks, and a coefficient that differs may "
-            "only stand for it. `brv-hypo compare` on this flight tells more."
+            f" Beside processes and with coefficients of its own, {still}: something acts that the model"
+            f"{found.without} lacks; a coefficient that differs may only stand for it. `brv-hypo compare` tells more."
         )
     if difference is not None and difference.p_value < REFUSED:
         every = (difference, *found.further_differences)

@@ -125,9 +125,7 @@ def calibration_chart(calibration: Calibration) -> Chart:
     low, high = (np.array([getattr(item.right, end) for item in bins], dtype=float) for end in ("low", "high"))
     stated, counts = [item.mean_probability or 0.0 for item in bins], [str(item.right.total) for item in bins]
     error = (share - low, high - share)
-    dots = Line(
-        stated, share, "first", "verdicts, with their number", dots=True, size=LARGE, labels=counts, error=error
-    )
+    dots = Line(stated, share, "first", "verdicts, and how many", dots=True, size=LARGE, labels=counts, error=error)
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
     read = "Of verdicts given at 0.9, nine in ten should be right. Bars: 95 % intervals."

@@ -249,9 +249,7 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
         quantiles.append(Line(ndtri(shares), np.quantile(values, shares), role, name, dots=True))
     coloured = [name for name, each in known.items() if not whiteness([each[np.newaxis]], _LAGS)[0].white]
     read = "Whitened residual of all that is fitted, processes included, in axes that do not roll."
-    found = (
-        f" Band: of one lag; one in twenty is outside by chance. {_LAGS} lags together (Ljung-Box test, 1 %), not white"
-    )
+    found = f" Band: of one lag; one in twenty is outside by chance. {_LAGS} lags together (Ljung-Box, 1 %), not white"
     found += f": {', '.join(coloured) or 'none'}.{COLOURED if coloured else ''}"
     named = {
         "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations), found),

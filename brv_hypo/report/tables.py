@@ -199,9 +199,7 @@ def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
     made, wider = row.share_beside_processes, number(row.share_beside_processes**-0.5, 2)
     bare = f"Fitted beside processes: the ranking's F-ratio, {number(row.f_ratio)}, is without them"
     beside = f"of what it and processes explain, it makes {share(made)}"
-    wide = (
-        f"so its sigmas are {wider} times as large as the likelihood's, while its ln evidence has the leader's weight"
-    )
+    wide = f"so its sigmas are {wider} times as large as the likelihood's, its ln evidence with the leader's weight"
     return [f"{row.size} {bare}; {beside}, {wide}.", *said]
 
 
@@ -356,7 +354,7 @@ def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
         more = f" and {len(group) - MOST_COLLINEAR} more" if len(group) > MOST_COLLINEAR else ""
         said.append(f"{COLLINEAR_MARK} {', '.join(group[:MOST_COLLINEAR])}{more} are nearly collinear.")
     if said:
-        said.append("Their sigmas are with the others free; together, as the functions show, they are known better.")
+        said.append("Their sigmas are with the others free; the moment that they make together is known better.")
     return said
 
 

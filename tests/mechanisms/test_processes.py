@@ -456,3 +456,40 @@ def test_options_of_a_process_are_those_of_the_comparison(distribution):
             compare("nothing.h5", mechanisms=["lag"], options=options)
     with pytest.raises(UsageError, match=r"delay of 1e.09 s, expected less than the record, .* s\. Leave out"):
         compare(nominal().flight, mechanisms=["lag"], options={"lag": {"delays": [0.1, 1e9]}})
+
+
+LOW = '''
+import numpy as np
+from brv_hypo.mechanisms import MomentProcess, hookimpl
+
+
+class Low(MomentProcess):
+    """A moment at Mach 2."""
+
+    name, title, family, splines = "low", "moment at Mach 2", "body", 1
+
+    def shapes(self, motion):
+        """A bump."""
+        return (np.exp(-(((motion.mach - 2.0) / 0.5) ** 2)) * np.exp(1j * motion.windward_meridian),)
+
+
+@hookimpl
+def brv_hypo_mechanisms():
+    return [Low()]
+'''
+
+
+@pytest.mark.thorough
+def test_one_that_is_nothing_on_a_flight_is_sound_and_estimated_as_nothing(tmp_path):
+    """The whole comparison failed at its charts."""
+    path = tmp_path / "low.py"
+    path.write_text(LOW)
+    use_plugin_files([path])
+    try:
+        check_mechanism(find("low"))
+        found = compare(nominal().flight.window(0.0, 3.0), mechanisms=["damping"], maximum_likelihood="none")
+    finally:
+        use_plugin_files(())
+    (own,) = (each for each in found.verdict.processes if each.name == "low")
+    assert own.size == 0.0
+    assert all(np.all(np.isfinite(each.at_flown)) for one in found.functions.values() for each in one)

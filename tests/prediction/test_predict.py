@@ -489,7 +489,8 @@ def test_an_event_that_the_model_lacks_is_no_difference_of_a_coefficient(traced:
     """C_mq differed by 22 of its standard errors where a moment fixed in the body began."""
     flown = simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5, plant=["bodyfixed"]).flight
     found = predict(flown, traced.model, ("trim",))
-    assert found.misfit > 1.3
+    assert found.misfit > 1.3 or any(each.startswith("flow") for each in found.far_processes)
+    assert found.outcome.startswith("Prediction: the model is contradicted")
     assert "something acts that the model lacks" in found.reason
     assert "contradicts the model" not in found.reason
     assert "differs most" not in found.reason

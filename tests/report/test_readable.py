@@ -66,7 +66,7 @@ def test_what_is_correlated_beyond_the_band_is_named_with_what_that_means() -> N
     coloured = white | {"r": np.convolve(white["r"], np.ones(4))[:600]}
     for known, said in ((white, "none"), (coloured, "r")):
         autocorrelation, quantiles = whiteness_charts(SETTING, known)
-        assert f"40 lags together (Ljung-Box test, 1 %), not white: {said}." in autocorrelation.caption
+        assert f"40 lags together (Ljung-Box, 1 %), not white: {said}." in autocorrelation.caption
         assert ("not independent" in autocorrelation.caption) == (said == "r")
         assert "band" not in quantiles.caption
 

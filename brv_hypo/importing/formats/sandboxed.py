@@ -81,9 +81,8 @@ def px4_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     for topic in ULog(path, [*TOPICS]).data_list:
         columns = {name: topic.data[own] for own, name in TOPICS[topic.name].items() if own in topic.data}
         budget.take(8 * sum(each.size for each in columns.values()), topic.name)
-        sections.append(
-            (topic.multi_id, topic.data["timestamp"] / 1e6, {k: v.astype(float) for k, v in columns.items()})
-        )
+        known = {k: v.astype(float) for k, v in columns.items()}
+        sections.append((topic.multi_id, topic.data["timestamp"] / 1e6, known))
     return _table(sections, names, OF_PX4)
 
 
