@@ -37,6 +37,8 @@ from brv_hypo.testing import check_mechanism
 from tests.cli.conftest import brv_hypo
 from tests.flights import nominal
 from tests.mechanisms.test_registry import plugin
+from tests.studies.independent.flights import make_flight, stream
+from tests.studies.independent.imperfections import ordinary
 
 __all__ = ["brv_hypo"]
 
@@ -493,3 +495,17 @@ def test_one_that_is_nothing_on_a_flight_is_sound_and_estimated_as_nothing(tmp_p
     (own,) = (each for each in found.verdict.processes if each.name == "low")
     assert own.size == 0.0
     assert all(np.all(np.isfinite(each.at_flown)) for one in found.functions.values() for each in one)
+
+
+@pytest.mark.thorough
+def test_unequal_moments_of_inertia_are_a_process_of_their_size() -> None:
+    """A cross-section of J = (Iz - Iy) / (2 S d) in C_m and C_n over dynamic pressure, Pa s^2."""
+    made = make_flight("cone", "none", seed=7, duration=3.0, imperfect=("inertia_asymmetry",), imperfect_size=4.0)
+    vehicle, drawn = made.flight.vehicle, stream(7, "imperfections")
+    asymmetry = ordinary(made.true.craft, ("inertia_asymmetry",), drawn, 4.0).inertia_asymmetry
+    found = compare(made.flight, mechanisms=["bodyfixed"], maximum_likelihood="none").verdict
+    (own,) = (each for each in found.processes if each.name == "unequal_inertia")
+    expected = -0.5 * asymmetry * vehicle.iyy / (vehicle.reference_area * vehicle.reference_length)
+    assert found.winner == "none"
+    assert own.planted["unequal_inertia 0 0"] == pytest.approx(expected, rel=0.05)
+    assert abs(own.planted["unequal_inertia 1 0"]) < 0.05 * abs(expected)

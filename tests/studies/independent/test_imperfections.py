@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo import compare
-from tests.studies.independent.flights import make_flight, stream
+from tests.studies.independent.flights import make_flight
 from tests.studies.independent.imperfect_study import Outcome, count, report
 from tests.studies.independent.imperfections import KINDS, lines, none, ordinary
 from tests.studies.independent.mechanisms import Planted
@@ -57,17 +56,3 @@ def test_the_report_counts_with_exact_intervals() -> None:
     lines = list(report([right]))
     assert "planted: named right: 1 of 1" in lines[0]
     assert any("lag delay: 0 of 1" in each for each in lines)
-
-
-@pytest.mark.thorough
-def test_unequal_moments_of_inertia_are_a_process_of_their_size() -> None:
-    """A cross-section of J = (Iz - Iy) / (2 S d) in C_m and C_n over dynamic pressure, Pa s^2."""
-    made = make_flight("cone", "none", seed=7, duration=3.0, imperfect=("inertia_asymmetry",), imperfect_size=4.0)
-    vehicle, drawn = made.flight.vehicle, stream(7, "imperfections")
-    asymmetry = ordinary(made.true.craft, ("inertia_asymmetry",), drawn, 4.0).inertia_asymmetry
-    found = compare(made.flight, mechanisms=["bodyfixed"], maximum_likelihood="none").verdict
-    (own,) = (each for each in found.processes if each.name == "unequal_inertia")
-    expected = -0.5 * asymmetry * vehicle.iyy / (vehicle.reference_area * vehicle.reference_length)
-    assert found.winner == "none"
-    assert own.planted["unequal_inertia 0 0"] == pytest.approx(expected, rel=0.05)
-    assert abs(own.planted["unequal_inertia 1 0"]) < 0.05 * abs(expected)
