@@ -54,7 +54,7 @@ def test_a_leader_of_which_nothing_is_specific_is_no_likelier_than_a_change_that
 GROWS_AND_FADES = [-12, 2, 10, 0, -6, 3, 8, -9, 2, 6, -4, 0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [102, pytest.param(100, marks=pytest.mark.slow)])
 def test_a_large_process_beside_drawn_errors_is_adequate(seed: int) -> None:
     """The errors that make up for a moment without processes are not those beside it: linear about these, 1.1 to 1.4
@@ -80,7 +80,7 @@ def test_a_wrong_ratio_of_inertias_that_processes_take_up_is_warned_of() -> None
         assert bool(said) is wrong
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_wrong_place_of_the_accelerometers_has_its_size_by_the_data_alone() -> None:
     """Its tolerance draws a fitted error towards nothing: a fifth of it remained."""
     flight = simulate("blunt_capsule", seed=7, instruments={"draw": 1.0}, plant=["bodyfixed"]).flight

@@ -15,7 +15,7 @@ from tests.studies.independent.study import drawn_flight
 QUICK = CompareConfig(mechanisms=("damping",), maximum_likelihood="quick")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [400004, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (400005, 400013))])
 def test_errors_of_the_record_are_reported_whole(seed: int) -> None:
     """What a linearisation subtracted from the record before is part of them: it was 60 standard errors once."""

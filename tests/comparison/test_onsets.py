@@ -59,7 +59,7 @@ def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
     assert not [each for each in found.ranking[0].derived if "onset width" in each.name]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [11, pytest.param(26, marks=pytest.mark.slow)])
 def test_processes_do_not_replace_an_onset(number: int) -> None:
     """They and a jump at its end described it as the opposite moment after it, 25 to 110 nats less likely."""
@@ -128,7 +128,7 @@ def test_a_region_with_an_onset_has_the_sum_of_one_that_jumps() -> None:
         assert np.count_nonzero((own > 0.0) & (own < 1.0)) == width
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_one_in_a_gap_errs_by_as_much_as_the_gap_hides(tmp_path: Path) -> None:
     """There it moves nothing, so that its linear error has no bound."""
     flight = simulate("research_cone", seed=1, plant=["bodyfixed"]).flight

@@ -89,7 +89,7 @@ LATE = MechanismFile(
 )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_mechanism_with_a_fixed_delay_is_named(tmp_path: Path) -> None:
     """Its delay is no parameter: the likelihood takes the motion that long ago, and so does the static moment."""
     path = tmp_path / "late.yaml"
@@ -128,7 +128,7 @@ def brv_hypo_mechanisms():
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_second_mechanism_is_advised_only_where_the_sum_raises_the_evidence(tmp_path: Path) -> None:
     """Beside a slosh of ordinary size sticking would gain hundreds of nats; beside it as it is, nothing."""
     path = tmp_path / "slosh.py"

@@ -101,7 +101,7 @@ def _numbers(row: RankedHypothesis) -> dict[str, float]:
     return {name: getattr(row, name) for name in numbers if getattr(row, name) is not None} | delays
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("alias", "apart"), [pytest.param(NAMED, 0.0, marks=pytest.mark.slow), (LATE, LAST_DIGIT)])
 def test_a_comparison_gives_the_same_numbers(alias: Alias, apart: float) -> None:
     one, other = compared(None), compared(alias)
@@ -114,7 +114,7 @@ def test_a_comparison_gives_the_same_numbers(alias: Alias, apart: float) -> None
     assert other.verdict.winner == one.verdict.winner == "sticking"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_its_likelihood_is_the_same_and_its_delay_is_in_its_own_unit() -> None:
     one, other = (compared(alias).ranking[0] for alias in (None, LATE))
     assert one.ml is not None
