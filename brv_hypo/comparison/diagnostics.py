@@ -56,7 +56,8 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
     gains, null = dict[str, dict[str, Any]](), judged.evidences[judged.null].held_out
     independent = judged.weight / share_of((fit, own))
     flights = [(each.flight.dynamic_pressure, each.flight.vehicle) for each in motions]
-    newton_metres = np.concatenate([q * vehicle.reference_area * vehicle.reference_length for q, vehicle in flights])
+    scales = np.concatenate([q * vehicle.reference_area * vehicle.reference_length for q, vehicle in flights])
+    newton_metres = rms(scales)  # of a moment coefficient of 1
     for each, evidence in zip(judged.fits, judged.evidences, strict=True):
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
         error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
@@ -67,7 +68,7 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
             share, moment = share_of((each, evidence)), evidence.rows.measured_moment
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
             gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
-            gains[each.name] |= {"rms_moment": size * rms(newton_metres)}
+            gains[each.name] |= {"rms_moment": size * newton_metres}
             gains[each.name] |= {"share_beside_processes": share}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]

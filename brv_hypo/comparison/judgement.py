@@ -115,7 +115,7 @@ class Judged:
         """Regions of the leader with more than a trifle of the squares of the moment that its terms make."""
         fit = self.fits[self.leader]
         made = self.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
-        parts = [made[:, [*chain(*each)]].sum(axis=1) for each in (fit.regions if fit.selected else ())]
+        parts = [made[:, [*chain(*each)]].sum(axis=1) for each in fit.regions]
         squares = np.array([np.sum(np.abs(part) ** 2) for part in parts])
         return int(np.sum(squares > MOST_REGIONS[1] * squares.sum()))
 
@@ -174,8 +174,7 @@ class Searched:
         """
         first = self._about(self.problem, point, fits)
         leader = likeliest(first.fits)
-        several = bool(leader.selected) and len(leader.regions) > 1
-        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1] and not several:
+        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1] and len(leader.regions) < 2:
             return first
         second = self._about(first.problem, leader, first.fits, _point_beside(first))
         if second.absolute > first.absolute:

@@ -121,7 +121,7 @@ class HypothesisFit:
         changes = dict[tuple[str, int | None], list[int]]()
         for place, column in enumerate(self.selected):
             changes.setdefault((column.term, column.flight), []).append(place)
-        count = max((len(places) + 1) // 2 for places in changes.values())
+        count = max(((len(places) + 1) // 2 for places in changes.values()), default=0)
         pairs = ((tuple(places[2 * k : 2 * k + 2]) for places in changes.values()) for k in range(count))
         return tuple(tuple(filter(None, each)) for each in pairs)
 

@@ -225,7 +225,7 @@ class Trace(HasCharts, Result):
     static_slopes: tuple[Derivative, ...] = Field(default=(), description="C_malpha along each flight")
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")
-    dynamic_stability: str = Field(default="", description="where the damping is significantly unstable, changes")
+    dynamic_stability: str = Field(default="", description="where damping is significantly unstable, or changes")
     stopped: Stop = Field(description="why the loop ended")
     unexplained: str | None = Field(description="what is left, in a sentence; null: nothing")
     caveats: tuple[str, ...] = Field(default=(), description="what limits the result")

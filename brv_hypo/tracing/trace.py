@@ -137,8 +137,8 @@ def _start(source: Flights) -> Fit:
         if mechanism not in chosen:
             apart = len(flights) > 1 and mechanism.of_each_flight(flights[0])
             model = model.with_terms(mechanism, motion, range(len(flights)) if apart else (None,))
-    names, first, last = {m.name for m in chosen}, *(flights[0].time[k] for k in (0, -1))
-    columns = [c for c in source.config.columns if c.mechanism in names]
+    columns = [c for c in source.config.columns if any(c.mechanism == m.name for m in chosen)]
+    first, last = flights[0].time[[0, -1]].tolist()
     if columns and all(c.start is None or first <= c.start <= last for c in columns):
         model = model.but(columns=(*model.columns, *(c.regressor(model.mechanisms[c.mechanism]) for c in columns)))
     elif chosen:

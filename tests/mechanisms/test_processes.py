@@ -499,7 +499,7 @@ def test_one_that_is_nothing_on_a_flight_is_sound_and_estimated_as_nothing(tmp_p
 
 @pytest.mark.thorough
 def test_unequal_moments_of_inertia_are_a_process_of_their_size() -> None:
-    """A cross-section of J = (Iz - Iy) / (2 S d) in C_m and C_n over dynamic pressure, Pa s^2."""
+    """Their coefficient is J = (Iz - Iy) / (2 S d), Pa s^2, of which Euler's equations make C_m and C_n."""
     made = make_flight("cone", "none", seed=7, duration=3.0, imperfect=("inertia_asymmetry",), imperfect_size=4.0)
     vehicle, drawn = made.flight.vehicle, stream(7, "imperfections")
     asymmetry = ordinary(made.true.craft, ("inertia_asymmetry",), drawn, 4.0).inertia_asymmetry
