@@ -110,6 +110,7 @@ def compare(
         found = found.model_copy(update={"verdict": found.verdict.model_copy(update={"reason": reason})})
     about_record = {
         "record": record,
+        "settings": config.model_dump(mode="json", exclude_defaults=True),
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
         "warnings": (*found.warnings, *reasons, *filter_warnings(tried)),
     }

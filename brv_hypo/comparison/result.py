@@ -436,6 +436,7 @@ class Comparison(HasCharts, Result):
     ranking: tuple[RankedHypothesis, ...] = Field(description="hypotheses, largest evidence first")
     verdict: Verdict = Field(description="the answer")
     seconds: Seconds = Field(description="elapsed")
+    settings: dict[str, Any] = Field(default_factory=dict, description="other than defaults")
     warnings: tuple[str, ...] = Field(default=(), description="what limits the result")
     disagreements: tuple[str, ...] = Field(default=(), description="where criteria put different hypotheses first")
     record_errors: tuple[RecordError, ...] = Field(default=(), description="of the leader, largest in tolerances first")

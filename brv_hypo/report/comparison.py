@@ -226,6 +226,7 @@ def comparison_document(comparison: Comparison) -> Document:
     )
     of_each = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
     notes = [note for flight in comparison.flights for note in flight.notes]
+    notes += [f"setting {name}: {value}" for name, value in comparison.settings.items()]
     if ranking:
         seconds = comparison.seconds
         notes.append(f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood")

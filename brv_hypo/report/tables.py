@@ -368,14 +368,16 @@ def term_table(
     derived: Iterable[result.DerivedEstimate] = (),
 ) -> Table:
     """One row for each coefficient; no column without a value. `knots`: the ends of its region are Mach numbers, as
-    each flight has times of its own. Those in a group of `collinear` ones, named with the times that they begin at, are
-    marked. `derived` has the errors of delays.
+    each flight has times of its own. Those in a group of `collinear` ones, named with the times that they begin at, and
+    the delays there are marked. `derived` has the errors of delays.
     """
     machs = {knot.time_s: knot.mach for knot in knots}
     errors = {each.value: estimated(each.value, each.std_error) for each in derived if np.isfinite(each.std_error)}
     digits = decimals(list(machs.values()))
-    rows, marked = [], {name for group in collinear for name in group}
+    rows, terms, groups = [], tuple(terms), tuple(map(set, collinear))
+    own, marked = {term.begins for term in terms}, set[str]().union(*groups)
     for term in terms:
+        with_delay = any(term.begins in group and group - own for group in groups)
         ends = [machs[end] for end in term.region_s or () if end in machs]
         rows.append(
             {
@@ -387,7 +389,7 @@ def term_table(
                 "t²": f_ratio(term.f_ratio),
                 "region, s": NOT_A_NUMBER if machs else interval(term.region_s),
                 "Mach": "–".join(f"{end:.{digits}f}" for end in ends) if len(ends) == 2 else NOT_A_NUMBER,
-                "delay, s": errors.get(term.delay_s or 0.0, number(term.delay_s)),
+                "delay, s": errors.get(term.delay_s or 0.0, number(term.delay_s)) + COLLINEAR_MARK * with_delay,
             }
         )
     kept = [name for name in (rows[0] if rows else ()) if any(row[name] != NOT_A_NUMBER for row in rows)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -34,35 +34,24 @@ Baseline = Literal["scheduled", "constant"]
 class TraceConfig(BaseModel):
     """Settings of `trace`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
-    start: str | SavedModel = "none"
-    """What the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism file), or
-    the model of an earlier trace."""
-    columns: tuple[SavedColumn, ...] = ()
-    """Those of that hypothesis as a comparison has them; none, or at times that the record lacks: they are searched."""
-    baseline: Baseline = "scheduled"
-    """Whether the stiffness that it starts from follows Mach and Reynolds number ("scheduled"), or is constant, so
-    that such a change is for the loop to find."""
-    aero: AeroTable | None = None
-    """A table of the slope, which replaces the baseline's, and to which increments within its uncertainty are
-    estimated."""
-    effects: tuple[str, ...] | None = None
-    """The effects to try; None tries all that are installed."""
-    discover: bool = True
-    """Whether the dictionary of generic terms is searched too."""
-    method: Method = "joint"
-    """Of reconstruction, as in `reconstruct`."""
-    blocks: int = Field(default=32, ge=16, le=200)
-    """Blocks of time that the record is cut into; every fourth decides what is added, every eighth is reported."""
-    max_steps: int = Field(default=8, ge=1, le=30)
-    """Effects that may be added."""
-    significance: float = Field(default=0.01, gt=0.0, lt=0.5)
-    """Adjusted p-value below which an effect is significant."""
-    knot_count: int = Field(default=7, ge=0, le=40)
-    """As in `compare`."""
-    max_terms: int = Field(default=4, ge=1, le=20)
-    """As in `compare`."""
+    start: str | SavedModel = Field(default="none", description="A hypothesis as in `compare`, or a model of a trace.")
+    columns: tuple[SavedColumn, ...] = Field(default=(), description="Of that hypothesis, as compared; else searched.")
+    baseline: Baseline = Field(
+        default="scheduled",
+        description='Whether the stiffness that it starts from follows Mach and Reynolds number ("scheduled"), or is '
+        "constant, so that such a change is for the loop to find.",
+    )
+    aero: AeroTable | None = Field(default=None, description="Slopes in the baseline's place, known to uncertainties.")
+    effects: tuple[str, ...] | None = Field(default=None, description="The effects to try; None tries all installed.")
+    discover: bool = Field(default=True, description="Whether the dictionary of generic terms is searched too.")
+    method: Method = Field(default="joint", description="Of reconstruction, as in `reconstruct`.")
+    blocks: int = Field(default=32, ge=16, le=200, description="Of time; every fourth decides, every eighth reports.")
+    max_steps: int = Field(default=8, ge=1, le=30, description="Effects that may be added.")
+    significance: float = Field(default=0.01, gt=0.0, lt=0.5, description="Largest adjusted p-value of an effect.")
+    knot_count: int = Field(default=7, ge=0, le=40, description="As in `compare`.")
+    max_terms: int = Field(default=4, ge=1, le=20, description="As in `compare`.")
 
 
 TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
@@ -232,6 +221,7 @@ class Trace(HasCharts, Result):
     noise: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
     final_residual: Residual | None = Field(default=None, description="of the last model")
     seconds: float = Field(default=0.0, description="elapsed, s")
+    settings: dict[str, Any] = Field(default_factory=dict, description="other than defaults; no model")
     picture: Picture | None = Field(default=None, exclude=True)
     discovered: MechanismFile | None = Field(default=None, exclude=True)
 

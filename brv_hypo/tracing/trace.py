@@ -92,7 +92,9 @@ def trace(
         require_samples(record, fewest, f"hold any of {config.blocks} blocks out. {advice}")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         result = _trace(Flights(records, config), stages(report_to(progress), {}))
-    return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
+    given = config.model_dump(mode="json", exclude_defaults=True, exclude={"start", "columns", "aero"})
+    tried = record_summary([try_record(flight)[1] for flight in own])
+    return result.model_copy(update={"record": tried, "settings": given})
 
 
 def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
