@@ -47,14 +47,11 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
-from brv_hypo.thresholds import BOUND_COSTS, CREDIBLE_PROBABILITY
+from brv_hypo.thresholds import BOUND_COSTS, CREDIBLE_PROBABILITY, NORMAL_95
 
 # Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.
 LIKELIHOOD_STEPS = 8  # from a good regression 5 or 6 are enough, the record effects among its parameters, or none are
 LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compares no more
-ALONE = (
-    "Joined flights share coefficients, and the Mach numbers of changes: compare each alone to see whether they do so."
-)
 LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
 """Fraction of a comparison that is done before each."""
 
@@ -101,7 +98,8 @@ def compare(
 
     def compared_without(faulty: frozenset[str]) -> Comparison:
         with requested({*names, *(config.mechanisms or ())}, faulty, config.options):
-            return _compare(analysed, config, say, faulty)
+            answered = {name: own for name, own in wanted.items() if faulty.isdisjoint(each.name for each in own)}
+            return _compare(analysed, config, answered, say)
 
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         found, reasons = without_faulty(compared_without)
@@ -118,10 +116,8 @@ def compare(
     return found.model_copy(update=about_record)
 
 
-def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
-    """The comparison without the mechanisms and effects that broke their contract."""
-    parsed = _hypotheses(config).items()
-    hypotheses = {name: own for name, own in parsed if faulty.isdisjoint(each.name for each in own)}
+def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypotheses, say: Say) -> Comparison:
+    """The comparison of these hypotheses: motion, search, evidences, verdict, likelihoods, and the verdict's checks."""
     begun = clock.perf_counter()
     say("reconstructing the motion")
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
@@ -137,13 +133,10 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     criteria = criteria_of(problem, fits)
     say("predicting held-out blocks")
     errors = held_out(fits, beside.evidences, config.held_out_blocks)
-    ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
-    leading = fits[beside.leader]
-    verdict = rules.with_far_processes(rules.with_prediction_error(verdict, ratios[leading.name]), stated_processes())
-    verdict = rules.with_second(verdict, leading.name, *_second(beside, answered))
+    leading, second = fits[beside.leader], _second(beside, answered)
     selected = clock.perf_counter()
     alone = identify_credible(problem, fits, verdict, config, say)
-    pairs = {fit.name: (fit, own) for fit, own in zip(fits, beside.evidences, strict=True)}
+    pairs = {pair.fit.name: pair for pair in beside.pairs}
     likelihoods = {
         name: found and diagnostics.with_errors_of_processes(found, *pairs[name]) for name, found in alone.items()
     }
@@ -157,11 +150,16 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
     motions, moved = diagnostics.motions_beside(problem.frame.reconstructions, reconstructions)
     known = {"reconstruction": motion_summary(motions, moved), **diagnostics.of_leader(beside, comparison, motions)}
-    verdict = rules.without_power(rules.with_far_error(comparison.verdict, known["record_errors"]))
-    if not all(each.converged for each in reconstructions):
-        verdict = rules.without_converged_motion(verdict)
+    verdict = rules.after_checks(
+        verdict,
+        prediction_ratio=float(errors[beside.leader] / errors[beside.null]),
+        stated_processes=stated_processes(),
+        second=second,
+        record_errors=known["record_errors"],
+        converged=all(each.converged for each in reconstructions),
+    )
     if len(flights) > 1 and verdict.outcome != "named":
-        verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {ALONE}"})
+        verdict = verdict.model_copy(update={"reason": f"{verdict.reason} {rules.ALONE}"})
     known["verdict"] = verdict
     if beyond := beyond_text(known["record_errors"], leading.name, verdict.outcome):
         warnings = (*warnings, beyond)
@@ -178,8 +176,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
-    null, weight, listed = beside.evidences[beside.null], beside.weight, []
-    for fit, own in zip(beside.fits, beside.evidences, strict=True):
+    null, weight, listed = beside.baseline, beside.weight, list[rules.Candidate]()
+    for fit, own in beside.pairs:
         fewer = [each for each in beside.fits if len(each.mechanisms) < len(fit.mechanisms)]
         if fit.mechanisms and (
             not fit.selected or any(judgement.acting_in(each) == judgement.acting_in(fit) for each in fewer)
@@ -191,19 +189,20 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         impossible = None if possible or excess is None else excess.words
         listed.append(rules.Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
-        rules.Candidate(fit.name, judgement.weighed(fit, own.level - null.level, per), per * own.held_out, words=words)
-        for words, fit, own in judgement.outside(beside, hypotheses)
-        for per in (beside.weight_of(fit, own),)
+        rules.Candidate(pair.fit.name, judgement.weighed(pair, null, per), per * pair.evidence.held_out, words=words)
+        for words, pair in judgement.outside(beside, hypotheses)
+        for per in (beside.weight_of(pair),)
     ]
-    leader, share = beside.fits[beside.leader], judgement.explained(beside)
-    processes = judgement.processes(beside.evidences[beside.leader])
+    leader, share = beside.leading.fit, judgement.explained(beside)
+    processes = judgement.processes(beside.leading.evidence)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
-    found = limits(leader, beside.evidences[beside.leader], hypotheses, weight)
+    found = limits(leader, beside.leading.evidence, hypotheses, weight)
     # Of the residual, or of the moment: slow moments make more of the rates, and the baseline may take them up.
-    of_leader = max((each.share_of_moment for each in found if each.mechanism == leader.name), default=0.0)
     of_processes = math.hypot(*(each.share_of_moment for each in processes if each.is_of_moment))
-    more = share.share > share.processes or of_leader > of_processes
-    how = rules.Fit(beside.misfit, beside.rows.size, squares, more and share.interval_95[0] > 0.0, beside.regions)
+    of_leader = [each for each in found if each.mechanism == leader.name]
+    more = share.share > share.processes and share.interval_95[0] > 0.0
+    more |= any(each.share_of_moment > max(of_processes, NORMAL_95 * each.share_std_error) for each in of_leader)
+    how = rules.Fit(beside.misfit, beside.rows.size, squares, more, beside.regions)
     verdict = rules.judge(listed, instead, how, share, processes, other_prior)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)
@@ -212,14 +211,13 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
 
 def _second(beside: Judged, hypotheses: Hypotheses) -> tuple[str, str]:
     """The mechanism that acts beside the leader, and about when; empty unless their sum raises the evidence."""
-    fit, own = pair = beside.fits[beside.leader], beside.evidences[beside.leader]
-    second = acting_beside(fit, own, hypotheses, beside.weight)
+    pair, null = beside.leading, beside.baseline
+    second = acting_beside(*pair, hypotheses, beside.weight)
     if second is None or second.gain < rules.SECOND_ACTS:
         return "", ""
-    both, found = beside_leader(beside.problem, pair, second.mechanism)
-    null = beside.evidences[beside.null].level
-    weight = beside.weight * judgement.share_of((both, found)) / judgement.share_of(pair)
-    if judgement.weighed(both, found.level - null, weight) <= judgement.weighed(fit, own.level - null, weight):
+    both = beside_leader(beside.problem, pair, second.mechanism)
+    weight = beside.weight * judgement.share_of(both) / judgement.share_of(pair)
+    if judgement.weighed(both, null, weight) <= judgement.weighed(pair, null, weight):
         return "", ""
     return second.mechanism.name, " to ".join(at(beside.problem.frame.common, end) for end in second.shape.region)
 
@@ -252,15 +250,17 @@ def identify_credible(
 
 
 def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:
-    """The hypotheses whose terms exist on these flights, and why the others are left out."""
+    """The hypotheses whose terms exist on these flights and are not zero, and why the others are left out."""
     kept: dict[str, tuple[Mechanism, ...]] = {}
-    warnings = []
+    warnings, motions = [], [reconstruction.motion for reconstruction in reconstructions]
     for name, mechanisms in hypotheses.items():
         try:
             for mechanism in mechanisms:
-                for reconstruction in reconstructions:
-                    for theta in theta_grid(mechanism):
-                        checked(mechanism).terms(reconstruction.motion, dict(theta))
+                shown = [checked(mechanism).terms(m, dict(theta)) for m in motions for theta in theta_grid(mechanism)]
+                if not any(np.any(each.in_plane) or np.any(each.out_of_plane) for terms in shown for each in terms):
+                    raise MechanismError(
+                        f"the moment of {mechanism.name} is zero throughout the record", mechanism.name
+                    )
             kept[name] = mechanisms
         except MechanismError as error:
             warnings.append(f"{name} is left out: {error}")

@@ -22,29 +22,15 @@ class CompareConfig(BaseModel):
         "mechanisms; None: the five, and those of files (`--plugin`); `installed`: all of kind mechanism. "
         "The name of a nuisance effect of another package puts it into every hypothesis.",
     )
-    options: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="Options by name of mechanism, effect or process."
-    )
+    options: dict[str, dict[str, Any]] = Field(default={}, description="By name of mechanism, effect or process.")
     method: Method = Field(default="joint", description="Of reconstruction, as in `reconstruct`.")
-    knots: tuple[float, ...] | None = Field(
-        default=None, description="Times (s) at which coefficients may change; None spreads them evenly."
-    )
+    knots: tuple[float, ...] | None = Field(default=None, description="When coefficients may change, s; None: even.")
     knot_count: int = Field(default=11, ge=0, le=40, description="How many knots are spread evenly.")
     max_terms: int = Field(default=6, ge=1, le=20, description="Coefficients that a hypothesis may add.")
-    exact_terms: int = Field(
-        default=4,
-        ge=1,
-        le=20,
-        description="Up to so many terms the search is exact; from there it goes on from the best refined model.",
-    )
+    exact_terms: int = Field(default=4, ge=1, le=20, description="So many are searched exactly, more one by one.")
     refine: bool = Field(default=True, description="Whether delays and knots become continuous.")
     accept_record: bool = Field(default=False, description="Whether to go on with a record that contradicts itself.")
-    held_out_blocks: int = Field(
-        default=8,
-        ge=2,
-        le=50,
-        description="Blocks of time of which each is held out in turn, for the prediction error.",
-    )
+    held_out_blocks: int = Field(default=8, ge=2, le=50, description="Blocks of time, each held out in turn.")
     maximum_likelihood: Literal["quick", "full", "none"] = Field(
         default="quick",
         description="Which hypotheses are refined on the original measurements, with errors of record, vehicle and air "
@@ -52,10 +38,7 @@ class CompareConfig(BaseModel):
         'records with warnings or that no hypothesis explains ("quick": each takes several seconds); none.',
     )
     other_prior: float = Field(
-        default=OTHER_PRIOR,
-        gt=0.0,
-        lt=1.0,
-        description="Prior probability that something outside the list moved the vehicle.",
+        default=OTHER_PRIOR, gt=0.0, lt=1.0, description="Probability of what is not on the list."
     )
 
     @field_validator("mechanisms", mode="before")

@@ -26,7 +26,7 @@ from brv_hypo.comparison.result import (
 from brv_hypo.comparison.summary import estimates, motion_histories
 from brv_hypo.identification import Estimate, Identification
 from brv_hypo.identification.parameters import NonlinearParameter
-from brv_hypo.inference.derivatives import along_flights, damping, process_history, slope, value, with_processes
+from brv_hypo.inference.derivatives import along_flights, beside_its_processes, damping, process_history, slope, value
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
@@ -34,8 +34,8 @@ from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
-from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
-from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
+from brv_hypo.mechanisms.registry import processes_by_name
 from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.motion import plane_from_body
@@ -52,24 +52,26 @@ _TIMES = 100  # at which histories of processes are evaluated: three for each sp
 
 def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstruction]) -> dict[str, Any]:
     """Fields of a comparison, of its leader above all; `motions` of all flights."""
-    own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
-    gains, null = dict[str, dict[str, Any]](), judged.evidences[judged.null].held_out
-    independent = judged.weight / share_of((fit, own))
+    fit, own = judged.leading
+    gains, null = dict[str, dict[str, Any]](), judged.baseline.held_out
+    independent = judged.weight / share_of(judged.leading)
     flights = [(each.flight.dynamic_pressure, each.flight.vehicle) for each in motions]
     scales = np.concatenate([q * vehicle.reference_area * vehicle.reference_length for q, vehicle in flights])
     newton_metres = rms(scales)  # of a moment coefficient of 1
-    for each, evidence in zip(judged.fits, judged.evidences, strict=True):
+    for pair in judged.pairs:
+        each, evidence = pair
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
         error = float(np.sqrt(gain.size * np.var(gain, ddof=1))) if gain.size > 1 else float("nan")
         gains[each.name] = {"held_out_gain": float(np.sum(gain)), "held_out_gain_std_error": error}
         beside = [one for one in processes(evidence) if one.is_shown and one.size > one.std_error]
         gains[each.name] |= {"process_shares": {one.name: one.share_of_moment for one in beside}}
         if each.selected:
-            share, moment = share_of((each, evidence)), evidence.rows.measured_moment
+            share, moment = share_of(pair), evidence.rows.measured_moment
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
             gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
             gains[each.name] |= {"rms_moment": size * newton_metres}
             gains[each.name] |= {"share_beside_processes": share}
+    gains[fit.name]["share_of_static"] = judged.of_static
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
@@ -169,7 +171,7 @@ def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> st
     """An error of record or vehicle that would be far beyond its tolerance if no process of the moment were above its
     ordinary size, in a sentence: those that are may replace it, as a cross-damping moment for a ratio of inertias.
     """
-    own = judged.evidences[judged.leader]
+    own = judged.leading.evidence
     large = [each.name for each in processes if each.is_of_moment and each.size > each.tolerance]
     far = far_beyond(record_errors(own.beside_small, judged.weight)) if large else ""
     return f"With {', '.join(large)} of no more than ordinary size, {far}: check which it is." if far else ""
@@ -177,7 +179,7 @@ def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> st
 
 def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
     """Knots of the leader, how late each comes on each flight (knots, flights) s, which significantly (knots,)."""
-    own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
+    own, fit = judged.leading.evidence, judged.leading.fit
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
         return [], np.zeros((0, len(own.rows.blocks))), np.zeros(0, dtype=bool)
@@ -189,7 +191,7 @@ def _late(judged: Judged) -> tuple[list[Nonlinear], FloatArray, BoolArray]:
 
 def at_own_times(judged: Judged, knots: Sequence[Knot]) -> tuple[Knot, ...]:
     """The ends of the leader's regions, each at the flight's own time where it comes significantly late there."""
-    fit, (moved, late, apart) = judged.fits[judged.leader], _late(judged)
+    fit, (moved, late, apart) = judged.leading.fit, _late(judged)
     common, by_edge = fit.frame.common, dict[float, FloatArray]()
     for parameter, own, known in zip(moved, late, apart.tolist(), strict=True):
         bases = [fit.selected[j].time_basis for j in parameter.columns]
@@ -207,7 +209,7 @@ def at_own_times(judged: Judged, knots: Sequence[Knot]) -> tuple[Knot, ...]:
 
 def events_apart(judged: Judged) -> tuple[str, ...]:
     """Which change of the leader comes most apart on flights from their Mach numbers or time, if significantly."""
-    fit, (knots, late, apart) = judged.fits[judged.leader], _late(judged)
+    fit, (knots, late, apart) = judged.leading.fit, _late(judged)
     if not knots:
         return ()
     common = fit.frame.common
@@ -252,7 +254,7 @@ def delays_at_bounds(fit: HypothesisFit) -> tuple[str, ...]:
         f"{each.mechanism} {each.name} is {each.value:.3g} {each.units}, at the end of the range searched, "
         f"{low:.3g} to {high:.3g} {each.units}: its standard error knows nothing of what lies beyond"
         for each, low, high in searched
-        if min(each.value - low, high - each.value) <= _AT_BOUND * (high - low)
+        if min(each.value - low, high - each.value) <= _AT_BOUND * min(abs(each.value), high - low)
     )
 
 
@@ -304,7 +306,7 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
     """A hypothesis at the mode of its evidence, errors of the record with it."""
     own, fit = judged.evidences[place], judged.fits[place]
     problem = own.rows.problem
-    frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
+    frame, columns, values = beside_its_processes(own, fit)
     rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
     beside = frame.columns(columns[len(fit.columns) :]) @ values[len(fit.columns) :]
@@ -317,7 +319,7 @@ def _series(
     judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None, known: Reconstruction
 ) -> Series:
     """Histories of a flight, whose motion is `known`: of hypotheses `found`, and of the `best` mechanism alone."""
-    own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
+    own, problem, leader = judged.leading.evidence, judged.problem, judged.leading.fit
     frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
     observed = residual_moments(frame, problem.records, frame.observed)
     bodies = [observed.body, *(observed.body - each.bare for each in found.values())]
@@ -358,8 +360,7 @@ def _series(
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:
     """Of each process by name, at even times of a flight; of a moment with the rms of its shapes about there."""
-    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    processes, found, motion = {each.name: each for each in every}, {}, own.rows.frame.motions[flight]
+    processes, found, motion = processes_by_name(), dict[str, Any](), own.rows.frame.motions[flight]
     for place, group in enumerate(own.rows.groups):
         process, made = processes[group.name], np.ones((1, 1))
         known = process_history(own, place, process.splines, flight, np.linspace(0.0, 1.0, _TIMES))

@@ -11,15 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import NamedTuple
+from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import regions
-from brv_hypo.comparison.preparation import Settings, aligned, linearised_about, shared_problem
+from brv_hypo.comparison.preparation import Reading, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     OUT_OF_REACH,
@@ -28,11 +28,9 @@ from brv_hypo.comparison.with_processes import (
     acting,
     beyond_linear,
     in_one_region,
-    level,
     likelier,
     moved,
     plainest,
-    possible_level,
     price,
     scanned,
     together,
@@ -40,7 +38,7 @@ from brv_hypo.comparison.with_processes import (
     with_its_evidence,
 )
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
-from brv_hypo.inference.derivatives import as_planted, moment_of_process, scale_variance, with_processes
+from brv_hypo.inference.derivatives import as_planted, beside_its_processes, moment_of_process, scale_variance
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     SEARCH_OUT_OF_REACH,
@@ -58,11 +56,12 @@ from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
-from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
+from brv_hypo.mechanisms.registry import processes_by_name, record_processes
+from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMAL_95, OUTSIDE, SPECIFIC
+from brv_hypo.thresholds import MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMAL_95, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
@@ -89,35 +88,57 @@ class Judged:
     """
     elsewhere: Explained | None = None  # what the same leader explains about another motion, which is less likely
 
-    @property
+    @cached_property
     def leader(self) -> int:
         """The place of the most probable hypothesis."""
         best = likeliest(self.fits)
         return next(k for k, fit in enumerate(self.fits) if fit is best)
 
-    def weight_of(self, fit: HypothesisFit, own: Evidence) -> float:
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Every hypothesis."""
+        return tuple(map(Pair, self.fits, self.evidences))
+
+    @property
+    def leading(self) -> Pair:
+        """The most probable hypothesis."""
+        return self.pairs[self.leader]
+
+    def weight_of(self, pair: Pair) -> float:
         """What a nat of a hypothesis counts: as those of the leader, or by its own share where no mechanism leads."""
-        return self.weight * (1.0 if self.fits[self.leader].selected else share_of((fit, own)))
+        return self.weight * (1.0 if self.leading.fit.selected else share_of(pair))
 
     @property
     def absolute(self) -> float:
         """Log evidence of the leader, but for a constant of the record: rows of either channel are over their noise."""
-        pair, noise = (self.fits[self.leader], self.evidences[self.leader]), self.rows.problem.rows.noise
-        return possible_level(pair) - 0.5 * self.rows.size * math.log(noise.rates.sigma * noise.force.sigma)
+        noise = self.rows.problem.rows.noise
+        return self.leading.possible_level - 0.5 * self.rows.size * math.log(noise.rates.sigma * noise.force.sigma)
 
     @property
     def misfit(self) -> float:
         """What the leader and processes leave of the record, rms over the stated noise's."""
-        return self.evidences[self.leader].noise * self.rows.noise_ratio
+        return self.leading.evidence.noise * self.rows.noise_ratio
 
     @property
     def regions(self) -> int:
         """Regions of the leader with more than a trifle of the squares of the moment that its terms make."""
-        fit = self.fits[self.leader]
+        fit = self.leading.fit
         made = self.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
         parts = [made[:, [*chain(*each)]].sum(axis=1) for each in fit.regions]
         squares = np.array([np.sum(np.abs(part) ** 2) for part in parts])
         return int(np.sum(squares > MOST_REGIONS[1] * squares.sum()))
+
+    @property
+    def of_static(self) -> float:
+        """What the leader adds to the static moment while it acts, as a share; NaN unless most of it is along that."""
+        fit, static = self.leading.fit, (StaticMoment.name, StaticBend.name)
+        moments = self.rows.frame_of(fit).moments(fit.columns) * fit.values
+        made = moments[:, fit.baseline_size :].sum(axis=1)
+        acts, known = made != 0.0, [k for k, column in enumerate(fit.columns) if column.mechanism in static]
+        made, base = made[acts], moments[np.ix_(acts, known)].sum(axis=1)
+        along = float(np.vdot(base, made).real)
+        most = along**2 > 0.5 * float(np.sum(np.abs(base) ** 2) * np.sum(np.abs(made) ** 2))
+        return along / float(np.sum(np.abs(base) ** 2)) if most else math.nan
 
     @cached_property
     def squares(self) -> float:
@@ -129,10 +150,15 @@ class Judged:
         """What the baseline without processes does not explain (rows,)."""
         return self.rows.beside_baseline(self.rows.y)
 
-    @property
+    @cached_property
     def null(self) -> int:
         """The place of the baseline only."""
         return next(k for k, fit in enumerate(self.fits) if not fit.mechanisms)
+
+    @property
+    def baseline(self) -> Evidence:
+        """The evidence of the baseline only."""
+        return self.evidences[self.null]
 
 
 @dataclass(frozen=True)
@@ -140,7 +166,7 @@ class Searched:
     """Hypotheses searched about the baseline's fit, `fits` in `problem`, and the likeliest, `point`."""
 
     problem: Problem
-    settings: Settings
+    reading: Reading
     config: CompareConfig
     fits: Sequence[HypothesisFit]
     point: HypothesisFit
@@ -154,12 +180,12 @@ class Searched:
         """The same about a mechanism that is likelier about itself than the leader is; None without one: where the
         motion that one makes is far from that of another, what is linear about it says little of the other.
         """
-        tried_already = (self.point.name, known.fits[known.leader].name)
+        tried_already = (self.point.name, known.leading.fit.name)
         others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
         null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
         for fit in (self_consistent(self.problem, each) for each in others):
             found = self._about(self.problem, fit, [*null, fit])
-            if found.fits[found.leader].selected:
+            if found.leading.fit.selected:
                 tried.append((found.absolute, fit))
         best = max(tried, key=lambda each: each[0], default=(-math.inf, None))[1]
         if best is None or self._linearised(best, [*null, best]).absolute <= known.absolute:
@@ -186,7 +212,7 @@ class Searched:
     ) -> Judged:
         self.say(f"linearising about {hypothesis(fit.name)}")
         at = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
-        whole, there = linearised_about(problem, at, self.settings, self.config)
+        whole, there = linearised_about(problem, at, self.reading, self.config)
         return _beside_processes(whole, there, fit, _renewed(there, fits))
 
 
@@ -196,21 +222,21 @@ def searched(
     """The hypotheses, of several flights in a time that these share where that fits better."""
 
     def among(common: CommonTime | None) -> Searched:
-        problem, settings = shared_problem(reconstructions, config, common)
+        problem, reading = shared_problem(reconstructions, config, common)
         fits: list[HypothesisFit] = []
         for name, mechanisms in hypotheses.items():
             say(f"fitting {hypothesis(name)}")
             rival = min((fit.information for fit in fits), default=math.inf)
             fits.append(fit_hypothesis(problem, name, mechanisms, rival))
-        return Searched(problem, settings, config, fits, self_consistent(problem, likeliest(fits)), say)
+        return Searched(problem, reading, config, fits, self_consistent(problem, likeliest(fits)), say)
 
     first = among(None)
-    if first.settings.common is not None and first.point.nonlinear:
+    if first.reading.common is not None and first.point.nonlinear:
         say("aligning the flights")
-        common = aligned(reconstructions, config, first.settings.common, first.point)
+        common = aligned(reconstructions, config, first.reading.common, first.point)
         found = None if common is None else among(common)
-        price = 2.0 * (len(reconstructions) - 1) * math.log(first.point.effective)  # of two numbers a flight
-        if found is not None and _under_noise(found.problem, found.point) + price < _under_noise(
+        cost = 2.0 * (len(reconstructions) - 1) * math.log(first.point.effective)  # of two numbers a flight
+        if found is not None and _under_noise(found.problem, found.point) + cost < _under_noise(
             first.problem, first.point
         ):
             return found
@@ -219,9 +245,9 @@ def searched(
 
 def _point_beside(found: Judged) -> LinearisationPoint:
     """The leader with its processes of the moment, and errors of the record beside all processes."""
-    own, fit = found.evidences[found.leader], found.fits[found.leader]
+    fit, own = found.leading
     problem, drifts = own.rows.problem, {each.name for each in record_processes()}
-    frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
+    frame, columns, values = beside_its_processes(own, fit)
     found_errors = within_reach(problem, problem.others_beside(frame, columns, values))
     errors = tuple({key: value for key, value in each.items() if key[0] not in drifts} for each in found_errors)
     mechanisms = tuple(frame.mechanisms[name] for name in dict.fromkeys(c.mechanism for c in columns))
@@ -239,24 +265,24 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     """Every hypothesis with its evidence beside processes, which `whole` has; both are linear `about` a fit."""
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
-    first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else (e, null) for e in fits]
+    first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else Pair(e, null) for e in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     # What explains little beside processes leads only where its gain, as that counts, is worth its price.
-    worth = [k for k, (fit, own) in enumerate(pairs) if weighed(fit, own.level - null.level, share_of(pairs[k])) >= 0.0]
-    place = max(worth, key=lambda k: possible_level(pairs[k]) - prices[k])
+    worth = [k for k, pair in enumerate(pairs) if weighed(pair, null, share_of(pair)) >= 0.0]
+    place = max(worth, key=lambda k: pairs[k].possible_level - prices[k])
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
-        same = [pair for pair in pairs if acting_in(pair[0]) == acting_in(fit)]
-        like, own = min(same, key=lambda pair: len(pair[0].mechanisms))
-        pairs[k] = replace(like, name=fit.name, mechanisms=fit.mechanisms), own
-    scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
+        same = [pair for pair in pairs if acting_in(pair.fit) == acting_in(fit)]
+        like, own = min(same, key=lambda pair: len(pair.fit.mechanisms))
+        pairs[k] = Pair(replace(like, name=fit.name, mechanisms=fit.mechanisms), own)
+    scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place].evidence.residual)
     shares = [share_of(pair) for pair in pairs]
     weight = independent * shares[place]
-    weights = [weight * (1.0 if pairs[place][0].selected else share) for share in shares]
+    weights = [weight * (1.0 if pairs[place].fit.selected else share) for share in shares]
     stated = [
-        _estimated(fit, own, weighed(fit, own.level - null.level, each), independent * share, scale)
-        for (fit, own), share, each in zip(pairs, shares, weights, strict=True)
+        _estimated(pair, weighed(pair, null, each), independent * share, scale)
+        for pair, share, each in zip(pairs, shares, weights, strict=True)
     ]
     if np.any(more := beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
@@ -266,30 +292,30 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
 
 def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
     """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
-    offered, best = [[each] for each in pairs], max(map(level, pairs))
-    for place in sorted(range(len(pairs)), key=lambda k: -level(pairs[k])):
-        if pairs[place][0].selected:
+    offered, best = [[each] for each in pairs], max(each.level for each in pairs)
+    for place in sorted(range(len(pairs)), key=lambda k: -pairs[k].level):
+        if pairs[place].fit.selected:
             offered[place] = in_one_region(problem, pairs[place], null, frame, best)
-            best = max(best, *map(level, offered[place]))
+            best = max(best, *(each.level for each in offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
-    leading = max(found, key=level)
-    least = level(leading) - min(OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
-    for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k][0].mechanisms)):
+    leading = max(found, key=attrgetter("level"))
+    least = leading.level - min(OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
+    for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k].fit.mechanisms)):
         some, best_of = offered[place], found[place]
-        if len(pairs[place][0].mechanisms) > 1:
+        if len(pairs[place].fit.mechanisms) > 1:
             some = together(problem, pairs[place], alone)
             found[place] = best_of = likelier(some)
-        elif best_of[0].selected:
-            alone[best_of[0].name] = best_of
-        if best_of[0].selected and level(best_of) > least:
+        elif best_of.fit.selected:
+            alone[best_of.fit.name] = best_of
+        if best_of.fit.selected and best_of.level > least:
             found[place] = plainest(problem, some, null)
-    high = max(map(level, found)) - WIDENED
-    return [widened(problem, each) if level(each) > high else each for each in found]
+    high = max(each.level for each in found) - WIDENED
+    return [widened(problem, each) if each.level > high else each for each in found]
 
 
 def share_of(pair: Pair) -> float:
     """Of the squares that a hypothesis's terms and processes make, those of its terms: what a nat counts by that."""
-    return max(pair[1].share_of_terms, _LEAST_SHARE) if pair[0].selected else 1.0
+    return max(pair.evidence.share_of_terms, _LEAST_SHARE) if pair.fit.selected else 1.0
 
 
 def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
@@ -301,9 +327,9 @@ def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothesis
     return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
 
 
-def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
+def weighed(pair: Pair, null: Evidence, weight: float) -> float:
     """The log evidence over the baseline's as it counts: every mechanism that acts, and its form, has its price."""
-    return weight * (gain - price(fit)) - len(acting_in(fit)) * MECHANISM_ACTS
+    return weight * (pair.level - null.level - price(pair.fit)) - len(acting_in(pair.fit)) * MECHANISM_ACTS
 
 
 def acting_in(fit: HypothesisFit) -> set[str]:
@@ -311,10 +337,11 @@ def acting_in(fit: HypothesisFit) -> set[str]:
     return {column.mechanism for column in fit.selected}
 
 
-def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
+def _estimated(pair: Pair, level: float, weight: float, scale: float) -> HypothesisFit:
     """The fit as its evidence has it: a nat counts as `weight` in errors, by its own share; `level` is weighed, by the
     leader's. What pressure and inertia are known to (`scale_variance`) cancels in its fractions.
     """
+    fit, own = pair
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
     values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]
@@ -331,24 +358,21 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
 
 
 def explained(judged: Judged) -> Explained:
-    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual. The
-    rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and Stein,
-    Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; and of two motions.
+    """What the leader's terms, as they are beside processes, explain of the mean square that the baseline's fit without
+    processes has as residual: their scalar product with it, so that the shares of terms, processes and noise sum to 1.
+    The interval is that of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981), which knows
+    of what a model lacks, as errors of coefficients do not; of two motions; and has what the terms alone may explain.
     """
-    leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
+    leader, residual, stretches = judged.leading.evidence, judged.baseline_residual, judged.rows.time_blocks
     noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
-    if not np.any(of_terms := leader.terms.acting):
+    if not np.any(leader.terms.acting):
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
-    made = judged.rows.beside_baseline(leader.terms.x[:, of_terms])
-
-    def share_of(use: BoolArray) -> float:
-        coefficients = np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
-        return 1.0 - float(np.sum((residual[use] - made[use] @ coefficients) ** 2) / np.sum(residual[use] ** 2))
-
-    share = share_of(np.ones(residual.size, dtype=bool))
-    without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
-    error = jackknife_error(without)
-    ends = [share - NORMAL_95 * error, share + NORMAL_95 * error]
+    products, squares = (np.bincount(stretches, residual * part) for part in (leader.made_of_terms, residual))
+    share = float(np.clip(products.sum() / squares.sum(), 0.0, 1.0))
+    error = jackknife_error((products.sum() - products) / (squares.sum() - squares))
+    made = judged.rows.beside_baseline(leader.terms.x[:, leader.terms.acting])
+    alone = made @ np.linalg.lstsq(made, residual, rcond=None)[0]
+    ends = [share - NORMAL_95 * error, share + NORMAL_95 * error, float(alone @ residual / squares.sum())]
     ends += [] if judged.elsewhere is None else judged.elsewhere.interval_95
     low, high = np.clip([min(ends), max(ends)], 0.0, 1.0).tolist()
     noise = min(noise, 1.0 - share)
@@ -358,9 +382,7 @@ def explained(judged: Judged) -> Explained:
 
 def processes(own: Evidence) -> tuple[ProcessEstimate, ...]:
     """Every process beside a hypothesis, largest share of the moment first; of record and air by the rates made."""
-    rows, found = own.rows, list[ProcessEstimate]()
-    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    known = {each.name: each for each in every}
+    rows, found, known = own.rows, list[ProcessEstimate](), processes_by_name()
     for k, group in enumerate(rows.groups):
         process = known[group.name]
         if isinstance(process, MomentProcess):
@@ -388,54 +410,54 @@ def processes(own: Evidence) -> tuple[ProcessEstimate, ...]:
 # ---- What outside the list would explain a flight instead of the leader, rather than beside it ----
 
 
-class Alternative(NamedTuple):
-    """Something outside the list, fitted as a hypothesis of its own, its evidence, and what it is in words."""
-
-    words: str
-    fit: HypothesisFit
-    evidence: Evidence
+Alternative = tuple[str, Pair]  # what something outside the list is in words, and as a hypothesis of its own
 
 
 def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> list[Alternative]:
     """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
     on the list has, and the best that turns in the body while the leader, or one nearly as likely, acts, each between
-    two times: what leads by little may be another where a record is rounded otherwise. A leader whose characteristic
-    terms are not wanted is such a change, and no likelier than that.
+    two times: what leads by little may be another where a record is rounded otherwise. The leader, or one nearly as
+    likely, is such a change where its characteristic terms are not wanted.
     """
-    problem, leader, null = judged.problem, judged.fits[judged.leader], judged.evidences[judged.null]
+    problem, leader, null = judged.problem, judged.leading.fit, judged.baseline
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
-    shapes = unmodelled_moments(problem, listed, OUTSIDE)
+    shapes = unmodelled_moments(problem, listed)
     tried = acting(problem, like, shapes, null.of_both_sizes, onsets=(0.0,), most=_SHAPES_TRIED)
-    found = list({pair[0].mechanisms: pair for pair in sorted(tried, key=level)}.values())  # of each shape the best
+    best = {pair.fit.mechanisms: pair for pair in sorted(tried, key=attrgetter("level"))}  # of each shape
+    found = list(best.values())
     most = leader.information + 2.0 * MECHANISM_ACTS
-    near = [fit for fit in judged.fits if leader.selected and fit.information < most]
-    changes = [sorted({c.time_basis.start for c in fit.selected if c.time_basis.kind != "constant"}) for fit in near]
+    near = [pair for pair in judged.pairs if leader.selected and pair.fit.information < most]
+    selected = [pair.fit.selected for pair in near]
+    changes = [sorted({c.time_basis.start for c in some if c.time_basis.kind != "constant"}) for some in selected]
     last, turned = float(frame.coefficient_time.max()), list[Pair]()
     for stretch in {(starts[0], starts[-1] if len(starts) > 1 else last) for starts in changes if starts}:
-        turning = turning_moment(problem, listed, OUTSIDE, *stretch)
+        turning = turning_moment(problem, listed, *stretch)
         (turns,) = regions([null], frame, turning, np.array(stretch), most=1) if turning is not None else ([],)
         if turning is not None and turns:
             rate = dict(max(turns, key=lambda each: each.peak).theta)[RATE]
             turned += acting(problem, like, [turning.at(rate)], [null], np.array(stretch))
-    found += [max(turned, key=level)] if turned else []
-    moments = [Alternative(_described(pair[0]), *pair) for pair in found]
-    if is_specific(leader, judged.evidences[judged.leader]):
-        return moments
-    terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
-    words = f"a change of {terms} alone, which is not specific to {leader.name}"
-    return [Alternative(words, leader, judged.evidences[judged.leader]), *moments]
+    found += [max(turned, key=attrgetter("level"))] if turned else []
+    moments = [(_described(pair.fit), pair) for pair in found]
+    return [*filter(None, (_unspecific(pair, pair.fit is leader) for pair in near)), *moments]
 
 
-def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
-    """Whether the evidence wants what is characteristic of a fit's mechanisms; of one that names none, all is."""
-    plain = plain_columns(fit)
+def _unspecific(pair: Pair, leads: bool) -> Alternative | None:
+    """What a hypothesis is without what is characteristic of its mechanisms, where the evidence does not want that; of
+    the leader no likelier than itself.
+    """
+    (fit, own), plain = pair, plain_columns(pair.fit)
     specific = [k for k, column in enumerate(fit.selected) if column not in plain]
     if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
-        return True
-    return bool(specific) and own.level - own.level_without(specific) > SPECIFIC
+        return None
+    level = own.level_without(specific) if specific else own.level
+    if own.level - level > SPECIFIC:
+        return None
+    terms = ", ".join(dict.fromkeys(column.term for column in plain))
+    words = f"a change of {terms} alone, which is not specific to {fit.name}"
+    return words, (pair if leads else Pair(fit, replace(own, level=level)))
 
 
 def _described(fit: HypothesisFit) -> str:

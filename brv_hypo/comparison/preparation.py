@@ -42,9 +42,9 @@ APART_SIGMAS = 3.0  # standard deviations within which events of two flights may
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What goes from one linearisation to the next: reconstruction and static moment. `known` are the flights
-    reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None until chosen.
+class Reading:
+    """How the flights are read, from one linearisation to the next. `known` are the flights reconstructed so, `common`
+    is the time that they share, if they do. `static`, `bend`: None until chosen.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
@@ -56,7 +56,7 @@ class Settings:
 
 def shared_problem(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None = None
-) -> tuple[Problem, Settings]:
+) -> tuple[Problem, Reading]:
     """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
     `common`: the time that flights share, where it is known better than by their Mach numbers. How large the
     instruments' noise is at the frequencies of the motion is known once the motion is subtracted.
@@ -67,16 +67,14 @@ def shared_problem(
             f"the window holds {samples} samples, expected at least {COMPARED_SMALLEST}: too few to "
             "distinguish mechanisms. Widen --start and --stop."
         )
-    settings = Settings(
-        tuple(ReconstructionConfig(method=config.method) for _ in reconstructions),
-        tuple(reconstructions),
-        common or shared_time(reconstructions),
-    )
-    problem = _problem(reconstructions, settings, config)
+    methods = tuple(ReconstructionConfig(method=config.method) for _ in reconstructions)
+    shared = _by_mach(reconstructions) if common is None else common
+    reading = Reading(methods, tuple(reconstructions), shared if isinstance(shared, CommonTime) else None)
+    problem = _problem(reconstructions, reading, config)
     static, bend = _static_and_bend(problem)
-    settings = replace(settings, static=static, bend=bend)
+    reading = replace(reading, static=static, bend=bend)
     problem = carrying(problem.under(estimated_noise(problem)), bend)
-    return problem, _with_motion_noise(problem, settings)
+    return problem, _with_motion_noise(problem, reading)
 
 
 # ---- The time that flights share ----
@@ -148,19 +146,19 @@ class _Event:
 # ---- The problem ----
 
 
-def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
-    """The settings with the noise that instruments have at the motion's frequencies, where that is far more. A motion
+def _with_motion_noise(problem: Problem, reading: Reading) -> Reading:
+    """The same with the noise that instruments have at the motion's frequencies, where that is far more. A motion
     that the fit knows needs no other, but another noise may want another normal force.
     """
     records, lasting = problem.records, problem.rows.noise.lasting
     if lasting is None:
-        return settings
+        return reading
     stated = float(np.median([record.gyro_sigma for record in records]))
     rates = float(lasting.rates.sigma_at(lasting.motion)) / stated
     loudness = np.median([np.median(record.force_sigma) for record in records])
     force = float(lasting.force.sigma_at(lasting.motion) / loudness)
     out = []
-    for record, setting in zip(records, settings.reconstruction, strict=True):
+    for record, setting in zip(records, reading.reconstruction, strict=True):
         raised: dict[str, float | ColouredNoise] = {}
         if rates > COLOURED:
             raised["gyro_sigma"] = rates * record.gyro_sigma
@@ -168,13 +166,13 @@ def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
         if force > COLOURED:
             raised["accel_sigma"] = force * record.accel_sigma
         out.append(setting.model_copy(update=raised))
-    if tuple(out) == settings.reconstruction:
-        return settings
+    if tuple(out) == reading.reconstruction:
+        return reading
     try:
-        known = tuple(reconstruct(rec.flight, setting) for rec, setting in zip(settings.known, out, strict=True))
+        known = tuple(reconstruct(rec.flight, setting) for rec, setting in zip(reading.known, out, strict=True))
     except UnanswerableError:
-        return settings
-    return replace(settings, reconstruction=tuple(out), known=known)
+        return reading
+    return replace(reading, reconstruction=tuple(out), known=known)
 
 
 def _static_and_bend(problem: Problem) -> tuple[StaticMoment, StaticBend]:
@@ -190,38 +188,38 @@ def _static_and_bend(problem: Problem) -> tuple[StaticMoment, StaticBend]:
 
 
 def linearised_about(
-    problem: Problem, point: LinearisationPoint, settings: Settings, config: CompareConfig
+    problem: Problem, point: LinearisationPoint, reading: Reading, config: CompareConfig
 ) -> tuple[Problem, Problem]:
     """The problem linearised about a point of it, errors that were found there taken out of the records. With the
     processes of record and air, under white noise; and without, under the noise beside the fit's model. Where a record
     has no motion left without its errors, the records are linearised as they read.
     """
     try:
-        records = _without_errors(settings, point)
+        records = _without_errors(reading, point)
     except UnanswerableError:
         point = replace(point, errors=tuple({} for _ in point.errors))
-        records = _without_errors(settings, point)
+        records = _without_errors(reading, point)
     before = zip(problem.records, problem.frame.reconstructions, point.errors, strict=True)
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     processes = record_processes()
-    whole = _problem(records, settings, config, point, motions, processes)
+    whole = _problem(records, reading, config, point, motions, processes)
     nuisances = whole.rows.nuisances.without(frozenset(each.name for each in processes))
     bare = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
     frame = bare.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
     return whole, bare.under(estimated_noise(replace(bare, frame=frame, baseline=point.columns)))
 
 
-def _without_errors(settings: Settings, point: LinearisationPoint) -> list[Reconstruction]:
+def _without_errors(reading: Reading, point: LinearisationPoint) -> list[Reconstruction]:
     """The flights without the errors of a point; their motion is known from the fit."""
-    flights = [without(known.flight, errors) for known, errors in zip(settings.known, point.errors, strict=True)]
+    flights = [without(known.flight, errors) for known, errors in zip(reading.known, point.errors, strict=True)]
     for flight in flights:
         require_answerable(flight)
-    return [replace(known, flight=flight) for known, flight in zip(settings.known, flights, strict=True)]
+    return [replace(known, flight=flight) for known, flight in zip(reading.known, flights, strict=True)]
 
 
 def _problem(
     reconstructions: Sequence[Reconstruction],
-    settings: Settings,
+    reading: Reading,
     config: CompareConfig,
     point: LinearisationPoint | None = None,
     motions: Sequence[PropagatedMotion | None] | None = None,
@@ -229,11 +227,11 @@ def _problem(
 ) -> Problem:
     """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
     where = motions or [None] * len(reconstructions)
-    points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)]
+    points = [linearisation_point(*each) for each in zip(reconstructions, reading.reconstruction, where, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
-    static = settings.static or _static(smooth, settings.common)
-    bend = () if settings.bend is None else (settings.bend,)
-    frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
+    static = reading.static or _static(smooth, reading.common)
+    bend = () if reading.bend is None else (reading.bend,)
+    frame = build_frame(smooth, [static, PitchDamping(), *bend], reading.common)
     span = frame.coefficient_time
     knots = _knots(float(span.min()), float(span.max()), config)
     return build_problem(
@@ -261,12 +259,6 @@ def _knots(start: float, stop: float, config: CompareConfig) -> FloatArray:
             "s: outside what is analysed nothing can change. Leave them out, or widen --start and --stop."
         )
     return np.unique(config.knots)
-
-
-def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:
-    """The time that flights share by their Mach numbers; None for one flight, and where these do not give it."""
-    found = _by_mach(reconstructions)
-    return found if isinstance(found, CommonTime) else None
 
 
 def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
@@ -299,6 +291,7 @@ def filter_warnings(flights: Sequence[Flight]) -> tuple[str, ...]:
 
 
 def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | None:
+    """The time that flights share by their Mach numbers, or why these do not give it; None for one flight."""
     if len(reconstructions) < 2:
         return None
     return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])

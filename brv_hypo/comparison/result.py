@@ -24,9 +24,8 @@ BEYOND_NAMED = 3  # of what is beyond its tolerance
 _FAR_MORE = 1.5  # times an error that its tolerance draws to nothing: the data alone give far more
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
-QUOTED = "quote the other tables, which are fitted with processes"
+QUOTED = "quote the other tables, which are fitted with processes"  # in place of a maximum likelihood in trouble
 MEAN_SQUARES = "(Mean squares; sizes are rms of all.)"
-"""In place of a maximum likelihood in trouble."""
 BUT_MARKED = ", but no value that is marked *"
 
 
@@ -134,22 +133,27 @@ class RankedHypothesis(NullIsNaN):
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
     rms_moment: float = Field(default=float("nan"), description="the same, N m")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
+    share_of_static: float = Field(default=float("nan"), description="added to the static moment; null: not along it")
     process_shares: dict[str, float] = Field(default={}, description="of the moment; below its sigma: left out")
     ml: MaximumLikelihood | None = Field(default=None, description="fit by maximum likelihood; null: none was made")
 
     @property
     def size(self) -> str:
         """The rms moment over that of the record, in a sentence; empty where it is not known."""
-        share = estimated(100.0 * self.share_of_moment, 100.0 * self.share_std_error)
-        if np.isnan(self.share_of_moment):
+        share, sigma = self.share_of_moment, self.share_std_error
+        if np.isnan(share):
             return ""
-        if self.share_std_error > self.share_of_moment:
+        if sigma > share:
             return "Its own moment is not known: processes, or its parts, may cancel it."
         whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
-        high = 100.0 * self.share_of_moment * np.sqrt(whole / (acts or whole))
-        then = f", {number(high, 2)} % while acting" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
-        made = "" if np.isnan(self.rms_moment) else f", {number(self.rms_moment, 2)} N m,"
-        return f"Its rms moment{made} is {share} % (1 sigma) of the record's{then}."
+        more, known = float(np.sqrt(whole / (acts or whole))), np.isfinite(self.rms_moment)
+        high = f"{number(more * self.rms_moment, 2)} N m" if known else f"{number(100.0 * more * share, 2)} %"
+        then = f"; while it acts, {high}" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        made = f"{estimated(self.rms_moment, self.rms_moment * sigma / share)} N m, " if known else ""
+        said = f"Its rms moment is {made}{estimated(100.0 * share, 100.0 * sigma)} % of the record's{then}."
+        along = f"{number(100.0 * abs(self.share_of_static), 2)} %"
+        does = f"adds {along} to" if self.share_of_static > 0.0 else f"takes away {along} of"
+        return said if np.isnan(self.share_of_static) else f"{said} It {does} the static moment."
 
     @property
     def changes(self) -> list[tuple[DerivedEstimate, DerivedEstimate | None]]:
@@ -265,9 +269,11 @@ class ProcessEstimate(NullIsNaN):
 
     @property
     def is_far(self) -> bool:
-        """Whether it is significant and far beyond an ordinary size."""
-        least = max(NORMAL_95 * self.std_error, FAR_PROCESS * self.tolerance)
-        return self.size > least and self.is_shown
+        """Whether it is far beyond an ordinary size; a moment that it makes significant besides, and noticeable. Errors
+        of instruments are so only where the data want it, though an unknown constant of each is in `std_error`.
+        """
+        beyond, sure = self.size > FAR_PROCESS * self.tolerance, self.size > NORMAL_95 * self.std_error
+        return beyond and (not self.is_of_moment or (sure and self.is_shown))
 
 
 class MechanismLimit(NullIsNaN):
@@ -525,7 +531,7 @@ class Comparison(HasCharts, Result):
 
     def _far_processes(self) -> str:
         """Processes far beyond an ordinary size, but for those in the reason, in a sentence: what they may be."""
-        advice = {True: "the model lacks something of its kind", False: "check its channels"}
+        advice = {True: "the model lacks something of its kind", False: "check its channels, their units and place"}
         far = [each for each in self.verdict.processes if each.is_far and each.name not in self.verdict.reason]
         sizes = ", ".join(f"{each.sized} times ({advice[each.is_of_moment]})" for each in far)
         return f"Far beyond an ordinary size: {sizes}." if far else ""

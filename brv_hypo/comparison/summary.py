@@ -15,6 +15,7 @@ from brv_hypo.flight.record import VEHICLE_DIMENSIONS, Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import has_width
 from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
@@ -272,8 +273,7 @@ def _derived(fit: HypothesisFit) -> tuple[result.DerivedEstimate, ...]:
         if column.grouped:
             vectors.setdefault(column.choice, []).append(j)
     for (name, _, _, time_basis, _), members in vectors.items():
-        comes_on = time_basis.kind == "ramp" and np.isfinite(time_basis.stop)
-        over = time_basis.final if comes_on else 1.0  # of what comes on over a time, all of it
+        over = time_basis.final if has_width(time_basis) else 1.0  # of what comes on over a time, all of it
         values = {fit.columns[j].term: over * float(fit.values[j]) for j in members}
         covariance = over**2 * fit.covariance[np.ix_(members, members)]
         region = None if time_basis.kind == "constant" else (time_basis.start, end)

@@ -31,6 +31,7 @@ SECOND_ACTS = 150.0
 PROCESSES_LARGE = 0.5  # of the baseline's residual, from which a verdict says that processes replace something
 NONE = "none"
 NO_CAUSE = "is no established cause"
+ALONE = "Joined flights share coefficients and the Mach numbers of changes: compare each alone to see whether they do."
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Candidate:
 @dataclass(frozen=True)
 class Fit:
     """How the leader fits: `noise`, the rms residual over the noise measured in the record, of so many `rows`; squares
-    that it `explains` of the residual of the baseline, and whether that is surely some, and more than processes do.
+    that it `explains` of the residual of the baseline, and whether it surely has more of that, or of the moment, than
+    processes.
     """
 
     noise: float
@@ -206,6 +208,23 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
     return f"{leader.name} explains the moments best (probability {chance})."
 
 
+def after_checks(
+    verdict: Verdict,
+    prediction_ratio: float,  # held-out error of the leader over the baseline's
+    stated_processes: Collection[str],  # by a user, with sizes of their own
+    second: tuple[str, str],  # mechanism that seems to act beside the leader, and about when
+    record_errors: Sequence[RecordError],  # beside the leader, the least probable first
+    converged: bool,  # the search for the motion
+) -> Verdict:
+    """The verdict once all of the result is known, after checks that may withdraw a name or add to the reason."""
+    verdict = with_prediction_error(verdict, prediction_ratio)
+    verdict = with_far_processes(verdict, stated_processes)
+    verdict = with_second(verdict, *second)
+    verdict = with_far_error(verdict, record_errors)
+    verdict = without_power(verdict)
+    return verdict if converged else without_converged_motion(verdict)
+
+
 def _describes(verdict: Verdict, why: str) -> str:
     """The reason of a verdict whose name is withdrawn, and why; where it has none, with that as a sentence more."""
     if verdict.winner is None:
@@ -261,10 +280,11 @@ def with_far_processes(verdict: Verdict, stated: Collection[str] = ()) -> Verdic
     return verdict.model_copy(update={"reason": said}) if named is None else _described(verdict, best, said)
 
 
-def with_second(verdict: Verdict, leader: str, second: str, where: str) -> Verdict:
+def with_second(verdict: Verdict, second: str, where: str) -> Verdict:
     """The verdict, with what seems to act beside its leader and `where`, in words; "" for none, or none adequate."""
     if not second or verdict.outcome == "none adequate":
         return verdict
+    leader = verdict.winner or verdict.described or verdict.equivalent[0]
     said = f" {second} seems to act beside {leader}, about {where}: compare {leader}+{second} as well."
     return verdict.model_copy(update={"reason": verdict.reason + said})
 

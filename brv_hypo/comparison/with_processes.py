@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import KNOT_MARGIN, SCANNED, middle, nonlinear_parameters
+from brv_hypo.inference.refinement import KNOT_MARGIN, has_width, middle, nonlinear_parameters
 from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
@@ -54,7 +55,24 @@ INCONSISTENT = 20.0  # nats by which the level falls with that static moment: an
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
-Pair = tuple[HypothesisFit, Evidence]
+
+class Pair(NamedTuple):
+    """A hypothesis beside processes: its fit, and the evidence of that."""
+
+    fit: HypothesisFit
+    evidence: Evidence
+
+    @property
+    def level(self) -> float:
+        """The log evidence."""
+        return self.evidence.level
+
+    @property
+    def possible_level(self) -> float:
+        """The log evidence with possible values, less the price of the form."""
+        fit, own = self
+        errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
+        return own.level - price(fit) - 0.5 * within_bounds(errors).bound_cost
 
 
 def in_one_region(
@@ -65,13 +83,13 @@ def in_one_region(
     and large processes make up for a mechanism, so that beside them other times and delays explain more. `best`: the
     log evidence of the likeliest hypothesis so far.
     """
-    fit = pair[0]
+    fit = pair.fit
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = null.of_both_sizes
     least = best - max(OUT_OF_REACH, 0.5 * (best - null.level))
-    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]], least=(least, best))]
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair.evidence], least=(least, best))]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -83,7 +101,8 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         time = fit.frame.coefficient_time
         starts = [-np.inf, *(column.time_basis.start for column in fit.selected), np.inf]
         edges = np.unique(np.clip(starts, time.min(), time.max()))
-        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], edges, starts=[each for _, each in offered])
+        begun = [each.evidence for each in offered]
+        pairs += acting(problem, offered[-1].fit, fit.mechanisms, [null], edges, starts=begun)
         pairs.append(_grown(problem, likelier(pairs[1:] or pairs)))
     fit, own = pair = moved(problem, _without_unwanted(problem, likelier(pairs)))
     if not _may_end(fit):
@@ -95,11 +114,6 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
     """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
     return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in onsets)
-
-
-def level(pair: Pair) -> float:
-    """The log evidence."""
-    return pair[1].level
 
 
 def price(fit: HypothesisFit) -> float:
@@ -114,26 +128,18 @@ def price(fit: HypothesisFit) -> float:
     return ONSET_TAKES_TIME * len(_onsets(fit)) + FURTHER_REGION * further
 
 
-def possible_level(pair: Pair) -> float:
-    """The log evidence with possible values, less the price of the form."""
-    fit, own = pair
-    errors = replace(_with_values_of(fit, own), joint_covariance=own.covariance)
-    return own.level - price(fit) - 0.5 * within_bounds(errors).bound_cost
-
-
 def likelier(pairs: Sequence[Pair]) -> Pair:
     """The likeliest with possible values, less its price."""
-    return max(pairs, key=possible_level)
+    return max(pairs, key=attrgetter("possible_level"))
 
 
 def _onsets(fit: HypothesisFit) -> set[TimeBasis]:
-    bases = {column.time_basis for column in fit.selected}
-    return {basis for basis in bases if basis.kind == "ramp" and math.isfinite(basis.stop)}
+    return {column.time_basis for column in fit.selected if has_width(column.time_basis)}
 
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
     """With onsets that take time, and further times of acting, not the shape of an onset, where clearly wanted."""
-    for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
+    for _ in range(FURTHER if len(pair.fit.mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
         (found,) = regions([own], frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
@@ -144,7 +150,7 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
             break
         further = _acting_between(mechanism, found[0], frame)
         there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
-        if there[1].level < own.level + FURTHER_REGION:
+        if there.level < own.level + FURTHER_REGION:
             break
         pair = there
     return pair
@@ -176,7 +182,7 @@ def widened(problem: Problem, pair: Pair) -> Pair:
         over = [replace(c, time_basis=wide, units=wide.units(c.units)) for c in fit.selected]
         columns = [new if old.time_basis == jump else old for old, new in zip(fit.selected, over, strict=True)]
         there = moved(problem, fitted(problem, fit, columns, own))
-        if there[1].level < own.level + ONSET_TAKES_TIME:
+        if there.level < own.level + ONSET_TAKES_TIME:
             break
         pair = there
     return pair if pair is sharp else _without_unwanted(problem, pair)
@@ -232,7 +238,8 @@ def acting(
     for k, (mechanism, shape, null) in enumerate(beside):
         if where[k] not in where[:k]:
             own = replace(like, name=mechanism.name, mechanisms=(mechanism,))
-            wide = max(least[0], least[1] - WIDENED, null.level, max(map(level, pairs), default=-math.inf) - _NEAR)
+            near = max((each.level for each in pairs), default=-math.inf) - _NEAR
+            wide = max(least[0], least[1] - WIDENED, null.level, near)
             pairs.append(_between(problem, own, shape, times, (null, *nulls, *starts), (*least, wide)))
     return pairs
 
@@ -264,7 +271,7 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
     """A hypothesis of several mechanisms as it is, and of each mechanism, as it is likeliest `alone`, with the others
     one after another where they explain most beside it: beside its processes, and beside small ones.
     """
-    like, found = pair[0], [pair]
+    like, found = pair.fit, [pair]
     for first in like.mechanisms:
         here = alone.get(first.name)
         for other in like.mechanisms:
@@ -282,9 +289,9 @@ def together(problem: Problem, pair: Pair, alone: Mapping[str, Pair]) -> list[Pa
 
 def beside_leader(problem: Problem, pair: Pair, other: Mechanism) -> Pair:
     """The leader, one mechanism, and another that may act beside it, together; without that if likelier."""
-    (fit, own), mechanisms = pair, (*pair[0].mechanisms, other)
+    (fit, own), mechanisms = pair, (*pair.fit.mechanisms, other)
     like = replace(fit, mechanisms=mechanisms, frame=problem.frame.with_mechanisms(mechanisms))
-    return likelier(together(problem, (like, own), {fit.name: pair}))
+    return likelier(together(problem, Pair(like, own), {fit.name: pair}))
 
 
 def _offered(ordered: Sequence[tuple[Mechanism, Shape]], count: int, near: float) -> list[tuple[Mechanism, Shape]]:
@@ -322,10 +329,10 @@ def _between(
         return fitted(problem, own, _acting_between(mechanism, shape, frame), *starts[1:])
 
     pair = placed(best)
-    if level(pair) < least[0] and level(pair) + 0.5 * best.peak < least[1]:
+    if pair.level < least[0] and pair.level + 0.5 * best.peak < least[1]:
         return pair
     pair = moved(problem, pair)
-    if best.width == 0.0 or level(pair) < least[2]:
+    if best.width == 0.0 or pair.level < least[2]:
         return pair
     # Onsets of other widths, of which the grid has few: in an oscillating moment there are several optima.
     other = widened(problem, moved(problem, placed(replace(best, width=0.0))))
@@ -341,12 +348,12 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, round
     """A fit with its evidence from some amplitudes: knots and delays move what it is beside processes, not without."""
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:
-        return fit, own
+        return Pair(fit, own)
     pairs: list[Pair] = []
     for _ in range(rounds):
         fit = _with_values_of(fit, own)
-        pairs.append((fit, with_amplitudes(rows, rows.terms(fit), own.at)))
-        if level(pairs[-1]) > own.level - INCONSISTENT:
+        pairs.append(Pair(fit, with_amplitudes(rows, rows.terms(fit), own.at)))
+        if pairs[-1].level > own.level - INCONSISTENT:
             break
         own = maximised(rows, rows.terms(fit), own.at, *starts)  # what lags follows another static moment
     return likelier(pairs)
@@ -384,14 +391,14 @@ def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
         there = _stepped(problem, pair, closely)
         if there is pair:
             break
-        pair = there[0], maximised(there[1].rows, there[1].terms, there[1].at)
+        pair = Pair(there.fit, maximised(there.evidence.rows, there.evidence.terms, there.evidence.at))
     return pair
 
 
 def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
     """Where steps of knots and delays lead at the amplitudes of a pair."""
     share, steps = 1.0, CLOSE_STEPS if closely else KNOT_STEPS
-    for _ in range(steps if pair[0].nonlinear else 0):
+    for _ in range(steps if pair.fit.nonlinear else 0):
         fit, own = pair
         columns, count = fit.selected, len(fit.columns)
         shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
@@ -411,31 +418,31 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
 
 def _at_amplitudes_of(problem: Problem, pair: Pair, columns: Sequence[Regressor]) -> Pair:
     """The hypothesis of a pair with other columns at the amplitudes of the pair."""
-    own = pair[1]
-    there = _with_values_of(_with_columns(problem, pair[0], columns), own)
-    return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
+    own = pair.evidence
+    there = _with_values_of(_with_columns(problem, pair.fit, columns), own)
+    return Pair(there, with_amplitudes(own.rows, own.rows.terms(there), own.at))
 
 
 def _level_fixed(pair: Pair) -> float:
     """The log evidence with knots and delays where they are."""
-    terms = len(pair[0].selected)
-    return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
+    terms = len(pair.fit.selected)
+    return pair.evidence.level_without(range(terms, terms + len(pair.fit.nonlinear)))
 
 
 def scanned(problem: Problem, pair: Pair) -> Pair:
     """With delays, and what goes with them, where they are likeliest of a scan about where steps of them ended: what is
     multiplied by a delay makes up for it along a curve, which steps on a straight line leave.
     """
-    for k in range(len(pair[0].nonlinear)):
+    for k in range(len(pair.fit.nonlinear)):
         fit, own = pair
         parameter, place = fit.nonlinear[k], len(fit.selected) + k
-        values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
+        values = parameter.others() if parameter.kind == "theta" else ()
         tried = (_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)
-        found = [pair, *(each for each in tried if len(each[0].nonlinear) == len(fit.nonlinear))]
-        best = max(found, key=lambda each: each[1].level_without([place]))
-        if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
-            found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
-            pair = max(*found, moved(problem, found[1], closely=True), key=level)
+        found = [pair, *(each for each in tried if len(each.fit.nonlinear) == len(fit.nonlinear))]
+        best = max(found, key=lambda each: each.evidence.level_without([place]))
+        if best.evidence.level_without([place]) > own.level_without([place]) + _GAIN:
+            found = [pair, Pair(best.fit, maximised(own.rows, best.evidence.terms, own.at))]
+            pair = max(*found, moved(problem, found[1], closely=True), key=attrgetter("level"))
     return pair
 
 
@@ -447,7 +454,7 @@ def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     counts as `weight`, has fallen by a half (a likelihood interval: Meeker and Escobar, Am. Stat. 49, 1995), with a
     delay no less than linearly; a coefficient by no more than its bounds are wide.
     """
-    (fit, own), count = pair, len(pair[0].columns)
+    (fit, own), count = pair, len(pair.fit.columns)
     bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
     widths = np.full(count + len(fit.nonlinear), np.inf)
     for j, column in enumerate(fit.selected, start=fit.baseline_size):
@@ -469,7 +476,7 @@ def beyond_linear(problem: Problem, pair: Pair, weight: float) -> FloatArray:
 
 def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, weight: float) -> FloatArray:
     """How coefficients, knots and delays change to where the evidence falls by half, one of them more or less."""
-    (fit, own), count = pair, len(pair[0].columns)
+    (fit, own), count = pair, len(pair.fit.columns)
     parameter, free = fit.nonlinear[number], [len(fit.selected) + number]
     at_mode = np.append(own.values_without(free)[:count], [each.value for each in fit.nonlinear])
     level = own.level_without(free)
@@ -521,6 +528,6 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         if levels[least] < needed - _LINEAR:
             return pair
         found = moved(problem, with_its_evidence(own.rows, fewer, own.at))
-        if found[1].informed < _INFORMED or level(found) < needed:
+        if found.evidence.informed < _INFORMED or found.level < needed:
             return pair
         pair = found

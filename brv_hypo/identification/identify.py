@@ -48,9 +48,7 @@ IDENTIFIED_FIRST_STEPS = 2
 IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
 IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot hardly known from the data goes to and fro with the nodes
 
-_REMEDY = (
-    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
-)
+_REMEDY = "Try a part of the record (`--start`, `--stop`), fewer terms (setting `max_terms`) or stated tolerances"
 _HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 

@@ -105,10 +105,6 @@ class Bordered:
         """Each flight's part (its rows, ...) of rows (count, ...)."""
         return [np.concatenate([rows[each] for each in (*ranges, slice(0, 0))]) for ranges in self.ranges]
 
-    def dense(self) -> FloatArray:
-        """All columns (count, columns)."""
-        return self.times(np.eye(self.size))
-
     def beside(self, more: FloatArray) -> Bordered:
         """With further shared columns (count, k) before those that it has."""
         return Bordered(self.count, self.ranges, self.own, np.concatenate([more, self.shared], axis=1))

@@ -16,6 +16,7 @@ from pydantic import Field, computed_field
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
@@ -281,16 +282,14 @@ class ProcessesAtMode(Mechanism):
         return (Term(ProcessesAtMode.name, total.real.copy(), total.imag.copy()),)
 
 
-def with_processes(
-    own: Evidence, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
-) -> tuple[RateFrame, list[Regressor], FloatArray]:
-    """A model of moments with the processes of moments beside it: frame, columns and their values."""
+def beside_its_processes(own: Evidence, fit: HypothesisFit) -> tuple[RateFrame, list[Regressor], FloatArray]:
+    """A hypothesis with the processes of moments beside it as a model: frame, columns and their values."""
     known = []
     for flight, motion in enumerate(own.rows.frame.motions):
-        span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
-        processes = tuple(each.model_copy(update=span) for each in moment_processes())
+        processes = tuple(each.over(motion) for each in moment_processes())
         coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
         each = ProcessesAtMode(processes=processes, coefficients=coefficients)
         known.append(each.model_copy(update={"name": f"{ProcessesAtMode.name} {flight}"}))
     moments = [Regressor(each.name, ProcessesAtMode.name, flight=k) for k, each in enumerate(known)]
-    return frame.with_mechanisms(known), [*columns, *moments], np.append(values, np.ones(len(moments)))
+    frame = own.rows.frame_of(fit).with_mechanisms(known)
+    return frame, [*fit.columns, *moments], np.append(fit.values, np.ones(len(moments)))

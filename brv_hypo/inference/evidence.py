@@ -135,17 +135,22 @@ class Evidence(_Integrated):
             out[block.rows] = block.z @ (_scale(self.rows, block, self.at) * own.mode)
         return out
 
-    @property
-    def share_of_terms(self) -> float:
-        """Of the squares that terms and processes make beside the baseline, those that terms make. Knots and delays
-        stay. Squares that processes make of noise alone do not count: its square per degree of freedom.
-        """
+    @cached_property
+    def made_of_terms(self) -> FloatArray:
+        """What the terms make of the rows (n,) beside the baseline, knots and delays where they are."""
         known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
         values = self.values_without(range(count, self.terms.known))[known : known + count]
         if (closed := self.terms.coefficients) is not None:
             values = np.asarray(np.linalg.solve(closed, values), dtype=float)
-        made = self.terms.x[:, :count] @ values
-        terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
+        return self.rows.beside_baseline(self.terms.x[:, :count] @ values)
+
+    @property
+    def share_of_terms(self) -> float:
+        """Of the squares that terms and processes make beside the baseline, those that terms make. Squares that
+        processes make of noise alone do not count: its square per degree of freedom.
+        """
+        made = self.made_of_terms, self.rows.beside_baseline(self._of_processes)
+        terms, processes = (float(np.sum(part**2)) for part in made)
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
 

@@ -228,7 +228,7 @@ def joined(selected: Sequence[Regressor], values: FloatArray, knots: FloatArray)
     return found
 
 
-def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
+def renewed(problem: Problem, fit: HypothesisFit, steps: Steps) -> HypothesisFit:
     """The same columns, in time order (what is scanned first, not what was found first), under the problem's noise."""
     ordered = sorted(fit.selected, key=lambda column: (column.time_basis.start, column.mechanism, column.theta))
     return refined_fit(problem, fit, (*problem.baseline, *ordered), fit.selected, steps)

@@ -14,13 +14,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.bordered import Bordered
 from brv_hypo.inference.problem import Problem, WhitenedRows
 from brv_hypo.inference.unmodelled import free_moment
-from brv_hypo.linearisation.channels import Lasting, Noise, fit_noise, fitted_by, lasting_noise, white
+from brv_hypo.linearisation.channels import NOISE_ORDER, Lasting, Noise, fit_noise, fitted_by, lasting_noise, white
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.motion.interpolation import turning
 
 # Held by `tests.studies.independent.study --coloured` (half of its flights in noise that lasts) and
 # `tests/studies/independent/test_coloured_noise.py`.
-NOISE_ORDER = 12  # largest of its autoregression
 NOISE_MOST_UNTHINNED = 8000  # rows up to which the fit that leaves the noise keeps all; beyond it takes next to none
 NOISE_PER_CYCLE = 12  # rows that a cycle of the fastest motion keeps where whitened rows are averaged
 NOISE_BEYOND = 2.0  # times the fastest motion's frequency, above which a spectrum is noise alone
@@ -58,8 +57,8 @@ def estimated_noise(problem: Problem) -> Noise:
     motion = max(turning(each.windward_meridian_rate, each.p, record.flight.step) for each, record in flown)
     above = NOISE_BEYOND * 2.0 * np.pi / (NOISE_PER_CYCLE * rows.noise.thinning)
     return Noise(
-        fit_noise(rates, NOISE_ORDER, rates_explained),
-        fit_noise(force, NOISE_ORDER, force_explained),
+        fit_noise(rates, rates_explained),
+        fit_noise(force, force_explained),
         rows.noise.thinning,
         Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
     )
@@ -89,5 +88,5 @@ def _explained(basis: Bordered, rows: WhitenedRows) -> tuple[FloatArray, FloatAr
         both, share = np.column_stack([columns, shared]), 2.0 * own.size / rows.rates
         for channel, out in enumerate(found):
             first = 2 * own.size * channel
-            out += share * fitted_by(both[first : first + 2 * own.size], own.part.pieces, own.size, NOISE_ORDER)
+            out += share * fitted_by(both[first : first + 2 * own.size], own.part.pieces, own.size)
     return found[0], found[1]

@@ -171,7 +171,7 @@ class WhitenedRows:
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         out = np.empty((self.size, self.unknowns.size))
-        out[:, self.order] = self.unknowns.dense()
+        out[:, self.order] = self.unknowns.times(np.eye(self.unknowns.size))
         return out
 
     @cached_property
@@ -180,13 +180,12 @@ class WhitenedRows:
         constants, items = 2 * len(self.part.levels), self.nuisances.items
         first_of = dict(zip((a for a, _ in self.part.pieces), self.part.flights, strict=True))
         flight_of = np.repeat([first_of[a] for a, _ in self.part.levels], 2)
+        of_items = np.array([-1 if item.flight is None else item.flight for item in items])
         own = [
-            np.append(
-                np.flatnonzero(flight_of == number), constants + np.flatnonzero([i.flight == number for i in items])
-            )
+            np.append(np.flatnonzero(flight_of == number), constants + np.flatnonzero(of_items == number))
             for number in range(len(self.of_flights))
         ]
-        shared = constants + np.flatnonzero([item.flight is None for item in items])
+        shared = constants + np.flatnonzero(of_items == -1)
         return np.concatenate([*own, shared]).astype(np.int64)
 
     @cached_property

@@ -56,16 +56,16 @@ class Nonlinear:
     columns: tuple[int, ...]
     units: str = "s"
 
-    def others(self, points: int, part: float = 1.0) -> list[float]:
+    def others(self, part: float = 1.0) -> list[float]:
         """Other values to try: of a knot over a part of its bounds, of a theta within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
             factor = SCANNED_FACTOR**part
-            around = np.geomspace(max(low, self.value / factor), min(high, self.value * factor), points)
+            around = np.geomspace(max(low, self.value / factor), min(high, self.value * factor), SCANNED)
         elif part == 1.0:
-            around = np.linspace(low, high, points)
+            around = np.linspace(low, high, SCANNED)
         else:
-            around = self.value + 0.5 * part * (high - low) * np.linspace(-1.0, 1.0, points)
+            around = self.value + 0.5 * part * (high - low) * np.linspace(-1.0, 1.0, SCANNED)
         values = dict.fromkeys(np.clip(around, low, high).tolist())
         return [value for value in values if not math.isclose(value, self.value, rel_tol=_SAME)]
 
@@ -178,7 +178,7 @@ def _scanned(
         for k, parameter in enumerate(placed):
             if fresh.isdisjoint(parameter.columns):
                 continue
-            values = (parameter.value, *parameter.others(SCANNED, part))
+            values = (parameter.value, *parameter.others(part))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)

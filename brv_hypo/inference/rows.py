@@ -202,9 +202,8 @@ class Terms:
         if self.coefficients is None:
             return self.scaled
         count = self.coefficients.shape[0]
-        return np.append(
-            np.all(self.coefficients == np.eye(count), axis=1), np.zeros(self.spread.size - count, dtype=bool)
-        )
+        alone = np.all(self.coefficients == np.eye(count), axis=1)
+        return np.append(alone, np.zeros(self.spread.size - count, dtype=bool))
 
     def only(self, places: list[int]) -> Terms:
         """Some of the columns that all flights share."""
@@ -444,8 +443,7 @@ def rates_of_processes(
 ) -> list[ComplexArray]:
     """The splines of each process of one flight as rates (rows of the flight, splines), of a prior of its amplitude."""
     motion, own, found = frame.motions[flight], frame.of_flight(flight), []
-    span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
-    for process in (each.model_copy(update=span) for each in moments):
+    for process in (each.over(motion) for each in moments):
         columns = [Regressor(process.name, term.name) for term in process.terms(motion, {})]
         size = moment / rms_of_shapes(process, motion)
         found.append(size * own.with_mechanisms([process]).columns(columns))

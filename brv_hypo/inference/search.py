@@ -67,9 +67,8 @@ def extended(
         return None
     theta = {c.mechanism: c.theta for c in selected}
     renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.time_basis) for c in offer) for offer in offered]
-    found = [
-        subset for offer in dict.fromkeys(renamed) for subset in _subsets(reduced, selected, offer, size) if subset[1]
-    ]
+    subsets = (each for offer in dict.fromkeys(renamed) for each in _subsets(reduced, selected, offer, size))
+    found = [subset for subset in subsets if subset[1]]
     return (*selected, *min(found, key=itemgetter(0))[1]) if found else None
 
 

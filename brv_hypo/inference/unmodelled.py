@@ -23,6 +23,7 @@ from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
+from brv_hypo.thresholds import OUTSIDE
 
 # Splines in time of each shape of the free moment that the noise is left by, and rows that each column needs: they take
 # at most a twelfth of the noise with them.
@@ -64,9 +65,9 @@ def _lobed(factor: complex) -> Shape:
     return shape
 
 
-def _rate(factor: complex) -> Shape:
-    """In proportion to the transverse rates, or to them a quarter turn on."""
-    return lambda motion: (np.asarray(factor * motion.plane_rates, dtype=complex),)
+def _rates(motion: Motion) -> tuple[ComplexArray, ...]:
+    """In proportion to the transverse rates."""
+    return (motion.plane_rates,)
 
 
 def _either(shape: Shape) -> Shape:
@@ -79,9 +80,9 @@ _ORDINARY: dict[str, Shape] = {
     "stiffness": _power(1),
     "side moment": _power(1, 1j),
     "body-fixed": _harmonic(0, 1),
-    "pitch damping": _rate(1.0),
+    "pitch damping": _rates,
 }
-_EITHER = {"constant": _either(_power(0)), "nonlinear": _either(_power(2)), "by the rates": _either(_rate(1.0))}
+_EITHER = {"constant": _either(_power(0)), "nonlinear": _either(_power(2)), "by the rates": _either(_rates)}
 _UNUSUAL: dict[str, Shape] = {
     **_EITHER,
     "nonlinear stiffness": _power(2),
@@ -91,15 +92,9 @@ _UNUSUAL: dict[str, Shape] = {
     "two-lobed side moment": _lobed(1j),
     "three-fold": _harmonic(2, 3),
 }
-_SHAPES = {**_ORDINARY, **_UNUSUAL}
-# What moves most vehicles: the noise is what these leave.
-ORDINARY = tuple(_ORDINARY)
-SHAPES = tuple(_SHAPES)
-
-
-def shape_of(name: str, motion: Motion) -> tuple[ComplexArray, ...]:
-    """The components C_N' + i C_Z' (n,) of a shape on a motion, per unit of each coefficient."""
-    return _SHAPES[name](motion)
+SHAPES = {**_ORDINARY, **_UNUSUAL}
+"""By name what makes the components C_N' + i C_Z' (n,) of a shape on a motion, per unit of each coefficient."""
+ORDINARY = tuple(_ORDINARY)  # what moves most vehicles: beside these the noise is found
 
 
 class FreeMoment(Mechanism):
@@ -122,7 +117,7 @@ class FreeMoment(Mechanism):
         splines = time_splines(motion.coefficient_time, self.start, self.stop, self.splines)
         return tuple(
             Term(f"{name} {part} {k}", values.real * spline, values.imag * spline)
-            for part, values in enumerate(shape_of(name, motion))
+            for part, values in enumerate(SHAPES[name](motion))
             for k, spline in enumerate(splines.T)
         )
 
@@ -130,7 +125,7 @@ class FreeMoment(Mechanism):
 def free_moment(problem: Problem, shapes: tuple[str, ...] = ORDINARY) -> tuple[RateFrame, tuple[Regressor, ...]]:
     """The problem's frame with a free moment of these shapes, and that moment's columns."""
     time, motion = problem.frame.coefficient_time, problem.frame.motions[0]
-    parts = {name: len(shape_of(name, motion)) for name in SHAPES}
+    parts = {name: len(SHAPES[name](motion)) for name in (*ORDINARY, *shapes)}
     rows = problem.frame.observed.size * 2
     wanted = rows / (FREE_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY))
     count = int(np.clip(wanted, FREE_FEWEST_SPLINES, FREE_MOST_SPLINES))
@@ -161,7 +156,7 @@ class UnmodelledMoment(Mechanism):
         """Every component of every shape; those of one shape are one vector, whatever the body axes are."""
         found = []
         for name in self.shapes:
-            components = shape_of(name, motion)
+            components = SHAPES[name](motion)
             if len(components) == 1:
                 found.append(Term(name, components[0].real, components[0].imag))
             else:
@@ -171,9 +166,9 @@ class UnmodelledMoment(Mechanism):
         return tuple(found)
 
 
-def unmodelled_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnmodelledMoment, ...]:
-    """One of each shape that no listed mechanism reproduces, but for the share `beyond` of its rms."""
-    names = _unlike(_SHAPES, listed, problem.frame.motions, beyond)
+def unmodelled_moments(problem: Problem, listed: Sequence[Mechanism]) -> tuple[UnmodelledMoment, ...]:
+    """One of each shape that no listed mechanism reproduces, but for the share `OUTSIDE` of its rms."""
+    names = _unlike(SHAPES, listed, problem.frame.motions)
     return tuple(UnmodelledMoment(shapes=(name,)) for name in names)
 
 
@@ -209,23 +204,19 @@ class TurningMoment(Mechanism):
         return tuple(Term(name, each.real, each.imag) for name, each in components)
 
 
-def turning_moment(
-    problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
-) -> TurningMoment | None:
+def turning_moment(problem: Problem, listed: Sequence[Mechanism], start: float, stop: float) -> TurningMoment | None:
     """Of rates that turn by half a turn or more from `start` to `stop` s, but for those at which a
-    listed mechanism reproduces all but the share `beyond` of its rms; None where there is none.
+    listed mechanism reproduces all but the share `OUTSIDE` of its rms; None where there is none.
     """
     offered, apart = turning_rates(problem.frame.motions, stop - start)
     every = TurningMoment(about=start, rates=tuple(offered.tolist()), apart=apart)
     turning = {rate: partial(_components, every, {RATE: rate}) for rate in every.rates}
-    rates = _unlike(turning, listed, problem.frame.motions, beyond)
+    rates = _unlike(turning, listed, problem.frame.motions)
     return every.model_copy(update={"rates": rates}) if rates else None
 
 
-def _unlike(
-    shapes: Mapping[_Key, Shape], listed: Sequence[Mechanism], motions: Sequence[Motion], beyond: float
-) -> tuple[_Key, ...]:
-    """Which shapes have over all flights more than the share `beyond` of their rms beyond each listed mechanism."""
+def _unlike(shapes: Mapping[_Key, Shape], listed: Sequence[Mechanism], motions: Sequence[Motion]) -> tuple[_Key, ...]:
+    """Which shapes have over all flights more than the share `OUTSIDE` of their rms beyond each listed mechanism."""
 
     def stacked(shape: Shape) -> FloatArray:
         """Its components, real above imaginary (2 samples of all flights, components)."""
@@ -239,7 +230,7 @@ def _unlike(
     def is_unlike(own: FloatArray) -> bool:
         lengths = np.linalg.norm(own, axis=0)
         rest = (np.linalg.norm(own - basis @ (basis.T @ own), axis=0) for basis in bases)
-        return all(np.max(each / lengths) > beyond for each in rest)
+        return all(np.max(each / lengths) > OUTSIDE for each in rest)
 
     return tuple(key for key, shape in shapes.items() if is_unlike(stacked(shape)))
 

@@ -210,9 +210,7 @@ def check_shape(function: Function, points: Points, theta: Values, rows: int, wh
             f"{'state' if what == 'dynamics' else 'output'} and one column per sample"
         )
     if not np.all(np.isfinite(value)):
-        raise UsageError(
-            f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer to the solution"
-        )
+        raise UsageError(f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer")
 
 
 def _with_time_varying(points: Points, theta: Values) -> dict[str, Any]:

@@ -33,6 +33,7 @@ DECIDING_OF, DECIDING_BLOCK = 4, 3  # blocks, of which one decides what is added
 REPORTED_OF, REPORTED_BLOCK = 8, 5  # blocks, of which one takes no part in any choice, and which
 HELD_OUT_SHORTEST = 8  # rows of a stretch that is fitted or held out
 # Held by `tests.studies.independent.study --coloured` and `tests/studies/independent/test_coloured_noise.py`.
+NOISE_ORDER = 12  # largest of an autoregression
 NOISE_SAMPLES_PER_ORDER = 20  # of the residuals
 NOISE_STRETCHES = 16  # of time, that the spectrum is the median of
 NOISE_SHORTEST_STRETCH = 32  # samples
@@ -80,14 +81,14 @@ def difference() -> NoiseModel:
     return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
 
 
-def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, fitted: FloatArray | None = None) -> NoiseModel:
+def fit_noise(residuals: Sequence[ComplexArray], fitted: FloatArray | None = None) -> NoiseModel:
     """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC. Real and imaginary parts
     share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance that
-    `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (max_order + 1,) is what the fit explains of
-    white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
+    `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (NOISE_ORDER + 1,) is what the fit explains
+    of white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
-    top = int(min(max_order, max(1, total // NOISE_SAMPLES_PER_ORDER)))
+    top = int(min(NOISE_ORDER, max(1, total // NOISE_SAMPLES_PER_ORDER)))
     covariance = lasting_autocovariance(residuals, top)
     if covariance[0] <= 0.0:
         return white(0.0)
@@ -159,19 +160,19 @@ def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
     return np.asarray(np.median(power, axis=0) / bias, dtype=float)
 
 
-def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
-    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows. `basis`
-    (2 rows, columns) is orthonormal, real rows before imaginary: the covariance is I - basis basis'.
+def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int) -> FloatArray:
+    """Autocorrelation (NOISE_ORDER + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
+    `basis` (2 rows, columns) is orthonormal, real rows before imaginary: the covariance is I - basis basis'.
     """
-    out = np.zeros(max_order + 1)
+    out = np.zeros(NOISE_ORDER + 1)
     for part in (basis[:rows], basis[rows : 2 * rows]):
         for a, b in pieces:
-            for lag in range(min(max_order, b - a - 1) + 1):
+            for lag in range(min(NOISE_ORDER, b - a - 1) + 1):
                 out[lag] += float(np.vdot(part[a : b - lag], part[a + lag : b]))
     return out / (2.0 * rows)
 
 
-def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_LAG) -> float:
+def effective_samples(innovations: list[FloatArray]) -> float:
     """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel. n / (1 + 2
     sum rho_k), summed to the first lag within its own noise (Bayley and Hammersley 1946); at most n.
     """
@@ -180,7 +181,7 @@ def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_L
     if power == 0.0:
         return float(n)
     inflation = 1.0
-    for lag in range(1, max_lag + 1):
+    for lag in range(1, NOISE_MOST_LAG + 1):
         rho = sum(float(part[:-lag] @ part[lag:]) for part in innovations if part.size > lag) / power
         if abs(rho) < NOISE_CORRELATED / np.sqrt(n):
             break

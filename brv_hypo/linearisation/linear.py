@@ -14,10 +14,10 @@ _SHORT = 1e-5  # of the longest direction, of which products keep half their dig
 _CUTOFF = 1e-12  # of the longest direction: below is rounding
 
 
-def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = _CUTOFF) -> FloatArray:
-    """Coefficients (columns,); singular values below `cutoff` of the largest drop out."""
+def solve_scaled(design: FloatArray, response: FloatArray) -> FloatArray:
+    """Coefficients (columns,); singular values that are rounding of the largest drop out."""
     scale = lengths(design)
-    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=cutoff)[0] / scale, dtype=float)
+    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=_CUTOFF)[0] / scale, dtype=float)
 
 
 def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -> FloatArray:

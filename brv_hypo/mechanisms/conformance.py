@@ -316,9 +316,7 @@ def derives_with_uncertainty(mechanism: Mechanism) -> None:
     for one, four in zip(once, twice, strict=True):
         expect(np.isfinite(one.value), f"'{one.name}' is {one.value}")
         expect(is_unit(one.units), f"'{one.name}': '{one.units}' is not a unit")
-        found = (
-            f"four times the covariance takes sigma from {one.std_error} to {four.std_error}, where twice is expected"
-        )
+        found = f"four times the covariance takes sigma from {one.std_error} to {four.std_error}, expected twice"
         expect(one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error), f"'{one.name}': {found}")
 
 

@@ -20,7 +20,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 import pluggy
@@ -234,6 +234,10 @@ class MomentProcess(Mechanism):
     @abstractmethod
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """C_m,in + i C_n,side of each shape, on the motion's own."""
+
+    def over(self, motion: Motion) -> Self:
+        """The same with its splines over all of a motion."""
+        return self.model_copy(update={"start": float(motion.time[0]), "stop": float(motion.time[-1])})
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""

@@ -289,6 +289,12 @@ def record_processes() -> tuple[RecordProcess, ...]:
     return tuple(item for item in nuisances() if isinstance(item, RecordProcess))
 
 
+def processes_by_name() -> dict[str, Process]:
+    """Every process, of record and moment."""
+    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
+    return {each.name: each for each in every}
+
+
 def stated_processes() -> frozenset[str]:
     """Names of the processes of the moment that a user states: those of other distributions and of files."""
     return frozenset(each.name for each in moment_processes() if installed()[each.name].package != OWN)

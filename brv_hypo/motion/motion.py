@@ -129,6 +129,11 @@ class Motion:
     def __repr__(self) -> str:
         return f"<Motion: {self.time.size} samples>"
 
+    @property
+    def density(self) -> FloatArray:
+        """That of the air, kg/m^3, by dynamic pressure and speed: what the vehicle feels of its altitude."""
+        return np.asarray(2.0 * self.dynamic_pressure / self.velocity**2)
+
     def delayed(self, tau: float) -> Motion:
         """The whole motion tau seconds earlier, on the same shape; tau >= 0. Before its first instant a motion is taken
         as steady: constant alpha and constant meridian rate.

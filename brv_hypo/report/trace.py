@@ -194,10 +194,8 @@ def _found_text(result: Trace) -> str:
         for step in lasting_steps(result.steps):
             if step.added in ratios:
                 ratios[step.added] *= step.error_ratio_held_out or 1.0
-        said = (
-            f"With {name}, the held-out error is {share(each)} of what it is without." for name, each in ratios.items()
-        )
-        return " ".join(said)
+        shares = ((name, share(ratio)) for name, ratio in ratios.items())
+        return " ".join(f"With {name}, the held-out error is {part} of what it is without." for name, part in shares)
     families = "" if result.steps[0].residual.white else families_text(result.steps[0])
     explained = f"; families of processes explain the residual: {families}" if families else ""
     beside = f" beside {', '.join(result.given)} of the model given" if result.given else ""

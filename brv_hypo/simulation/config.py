@@ -162,30 +162,21 @@ class InstrumentsConfig(TolerancesConfig):
 class SimulationConfig(Section):
     """A simulated flight."""
 
-    title: str = ""
-    """For the reader."""
-    duration: Positive
-    """s."""
-    step: Positive
-    """Of the integration, s."""
-    sample_rate: Positive
-    """Hz; a whole number of steps per sample."""
-    vehicle: Annotated[Vehicle, AfterValidator(_of_a_real_body)]
-    """The vehicle as it was built."""
-    aerodynamics: AerodynamicsConfig
-    """Its coefficients."""
-    start: StartConfig
-    """The first instant."""
-    environment: EnvironmentConfig = EnvironmentConfig()
-    """Gravity and air."""
-    instruments: InstrumentsConfig = InstrumentsConfig()
-    """What the record is made with; `{"draw": 1}` draws errors at the stated tolerances (`--draw 1`)."""
-    mechanisms: tuple[PlantedConfig, ...] = ()
-    """Planted always."""
-    asymmetries: tuple[PlantedConfig, ...] = ()
-    """Planted too, but the vehicle's within its tolerances, and not what the flight is about."""
-    plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default_factory=dict)
-    """Named sets of mechanisms to choose from (`load_config`)."""
+    title: str = Field(default="", description="For the reader.")
+    duration: Positive = Field(description="s.")
+    step: Positive = Field(description="Of the integration, s.")
+    sample_rate: Positive = Field(description="Hz; a whole number of steps per sample.")
+    vehicle: Annotated[Vehicle, AfterValidator(_of_a_real_body)] = Field(description="As it was built.")
+    aerodynamics: AerodynamicsConfig = Field(description="Its coefficients.")
+    start: StartConfig = Field(description="The first instant.")
+    environment: EnvironmentConfig = Field(default=EnvironmentConfig(), description="Gravity and air.")
+    instruments: InstrumentsConfig = Field(
+        default=InstrumentsConfig(),
+        description='What the record is made with; `{"draw": 1}` draws errors at the stated tolerances (`--draw 1`).',
+    )
+    mechanisms: tuple[PlantedConfig, ...] = Field(default=(), description="Planted always.")
+    asymmetries: tuple[PlantedConfig, ...] = Field(default=(), description="The vehicle's, within its tolerances.")
+    plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default={}, description="Named sets to choose from.")
 
     @model_validator(mode="after")
     def _whole_steps_per_sample(self) -> SimulationConfig:

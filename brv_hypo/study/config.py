@@ -49,9 +49,8 @@ class PlantedFault:
 
     def named_by(self, faults: Iterable[RecordFault]) -> bool:
         """Whether any of `faults` names the channels, all and no others, and the kind."""
-        return any(
-            fault.fault == self.kind and set(fault.channel.split(", ")) == set(self.channels) for fault in faults
-        )
+        mine = (fault for fault in faults if fault.fault == self.kind)
+        return any(set(fault.channel.split(", ")) == set(self.channels) for fault in mine)
 
 
 @cache
@@ -216,25 +215,17 @@ class DrawsConfig(Section):
 class StudyConfig(Section):
     """A study: many simulated flights, each compared."""
 
-    title: str = "study"
-    """For the reader."""
-    vehicles: tuple[str, ...] = Field(min_length=1)
-    """Simulation configurations, by file or name."""
-    planted: tuple[str, ...] = Field(min_length=1)
-    """Sets of the vehicles' `plantable` block, a plus joining several, or `none`."""
-    flights: Annotated[int, Field(ge=1)] = 10
-    """For each vehicle and each entry of `planted`."""
-    seed: Annotated[int, Field(ge=0)] = 1
-    """Of all draws."""
-    draws: DrawsConfig = DrawsConfig()
-    """What each flight draws: size, delay, onset_shift, alpha, roll_rate, windward_meridian, gyro_noise, instruments,
-    faults."""
-    sample_rate: Positive | None = None
-    """Hz, in place of the vehicles' own."""
-    visible_effect: Positive = 0.05
-    """Planted effects below this part of the moment's rms are counted apart."""
-    compare: CompareConfig = CompareConfig()
-    """Settings of `compare`."""
+    title: str = Field(default="study", description="For the reader.")
+    vehicles: tuple[str, ...] = Field(min_length=1, description="Simulation configurations, by file or name.")
+    planted: tuple[str, ...] = Field(
+        min_length=1, description="Sets of the vehicles' `plantable` block, a plus joining several, or `none`."
+    )
+    flights: int = Field(default=10, ge=1, description="For each vehicle and each entry of `planted`.")
+    seed: int = Field(default=1, ge=0, description="Of all draws.")
+    draws: DrawsConfig = Field(default=DrawsConfig(), description="What each flight draws.")
+    sample_rate: Positive | None = Field(default=None, description="Hz, in place of the vehicles' own.")
+    visible_effect: Positive = Field(default=0.05, description="Part of the moment's rms; effects below count apart.")
+    compare: CompareConfig = Field(default=CompareConfig(), description="Settings of `compare`.")
 
     @model_validator(mode="after")
     def _each_once(self) -> StudyConfig:

@@ -11,13 +11,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import even_edges
-from brv_hypo.comparison.with_processes import acting, level
+from brv_hypo.comparison.with_processes import acting
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
@@ -217,7 +218,7 @@ def described_in_part(beside: Beside, like: HypothesisFit) -> HypothesisFit | No
         shifts = entry.spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
         nearer = [Described.by(name, entry.at(entry.position + shift)) for shift in shifts]
         found += acting(problem, like, nearer, null, region)
-    return max(found, key=level)[0] if found else None
+    return max(found, key=attrgetter("level")).fit if found else None
 
 
 def file_of(fits: Sequence[tuple[YamlMechanism, Sequence[Regressor], FloatArray]]) -> MechanismFile:

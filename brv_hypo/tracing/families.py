@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest, price
+from brv_hypo.comparison.with_processes import Pair, fitted, in_one_region, moved, plainest, price
 from brv_hypo.inference.derivatives import process_history
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
@@ -103,19 +103,19 @@ class Beside:
         pair, problem = self._pair(fit), self.rows.problem
         if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
             one = len(self.rows.frame.motions) == 1
-            frame = self.rows.frame_of(pair[0])
+            frame = self.rows.frame_of(pair.fit)
             offered = in_one_region(problem, pair, self.null, frame) if one else [pair]
             pair = plainest(problem, offered, self.null) if one else moved(problem, pair)
-        return pair[1].level - price(pair[0]) - self.null.level, pair[0].selected
+        return pair.level - price(pair.fit) - self.null.level, pair.fit.selected
 
     def gain_of(self, fit: HypothesisFit) -> float:
         """The log evidence that an effect gains as it was fitted."""
-        return self._pair(fit)[1].level - self.null.level
+        return self._pair(fit).level - self.null.level
 
-    def _pair(self, fit: HypothesisFit) -> tuple[HypothesisFit, Evidence]:
+    def _pair(self, fit: HypothesisFit) -> Pair:
         if not fit.mechanisms:
             terms = _of_record(self.rows.of_moments(self.rows.frame, fit.selected), fit.searched)
-            return fit, maximised(self.rows, terms, self.start)
+            return Pair(fit, maximised(self.rows, terms, self.start))
         like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
         return fitted(self.rows.problem, like, fit.selected, self.null)
 

@@ -6,6 +6,7 @@ from functools import cache
 
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed, with_errors
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import ROUGH
 from brv_hypo.mechanisms import find
 from brv_hypo.simulation import SimulatedFlight
 from tests.chains import prepared
@@ -26,4 +27,4 @@ def problem() -> Problem:
 def fitted(name: str) -> HypothesisFit:
     """The fit of one mechanism, or of `none`."""
     mechanisms = () if name == "none" else (find(name),)
-    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), name, mechanisms)))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), name, mechanisms), ROUGH))

@@ -9,45 +9,77 @@ from pathlib import Path
 import pytest
 
 from brv_hypo import compare, simulate
-from brv_hypo.comparison.judgement import Alternative, outside
+from brv_hypo.comparison.judgement import outside
+from brv_hypo.comparison.with_processes import Pair
 from brv_hypo.mechanisms import find, use_plugin_files
 from tests.comparison.test_judgement import judged_cone
 
 
 @cache
-def found_outside() -> dict[str, Alternative]:
+def found_outside() -> dict[str, tuple[str, Pair]]:
     """Beside a body-fixed moment from 2 to 4 s, by name."""
-    return {each.fit.name: each for each in outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})}
+    return {each[1].fit.name: each for each in outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})}
 
 
 @pytest.mark.thorough
 def test_moments_of_other_shapes_and_one_that_turns_are_tried() -> None:
     found = found_outside()
     assert set(found) == {"unlisted_moment", "turning_moment"}
-    terms = {column.term for column in found["unlisted_moment"].fit.selected}
+    terms = {column.term for column in found["unlisted_moment"][1].fit.selected}
     assert not any("body-fixed" in term.replace("body-fixed by alpha", "") for term in terms)
-    assert found["unlisted_moment"].words.startswith("a moment that no mechanism on the list has (")
-    assert all(term in found["unlisted_moment"].words for term in terms)
-    assert "turning in the body at" in found["turning_moment"].words
+    assert found["unlisted_moment"][0].startswith("a moment that no mechanism on the list has (")
+    assert all(term in found["unlisted_moment"][0] for term in terms)
+    assert "turning in the body at" in found["turning_moment"][0]
 
 
 @pytest.mark.thorough
 def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
     judged = judged_cone("bodyfixed")
-    for each in found_outside().values():
+    for _, each in found_outside().values():
         assert each.evidence.rows is judged.rows
         assert each.evidence.terms.x.shape[1] == len(each.fit.selected) + len(each.fit.nonlinear)
-        assert each.evidence.level < judged.evidences[judged.leader].level - 100.0
+        assert each.level < judged.leading.level - 100.0
 
 
+@pytest.mark.thorough
 def test_a_leader_of_which_nothing_is_specific_is_no_likelier_than_a_change_that_many_things_bring(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("brv_hypo.comparison.judgement.is_specific", lambda *_: False)
-    judged = judged_cone("bodyfixed")
-    first, *_ = outside(judged, {"bodyfixed": (find("bodyfixed"),)})
-    assert (first.fit, first.evidence) == (judged.fits[judged.leader], judged.evidences[judged.leader])
-    assert first.words.endswith("alone, which is not specific to bodyfixed")
+    judged, listed = judged_cone("inplane"), {"inplane": (find("inplane"),)}
+    assert not any(words.startswith("a change of") for words, _ in outside(judged, listed))
+    monkeypatch.setattr("brv_hypo.comparison.judgement.SPECIFIC", float("inf"))
+    (words, pair), *_ = outside(judged, listed)
+    assert pair == judged.leading
+    assert words == "a change of C_malpha alone, which is not specific to inplane"
+
+
+HOT_SLOPE = """
+from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+
+class HotSlope(Mechanism):
+    name, title, claims, source = "hot_slope", "in-plane moment by alpha and Mach number", "that moment", "a test"
+    time_variation = ("constant", "jump")
+
+    def terms(self, motion, theta):
+        return (Term("k", motion.alpha * (motion.mach - 5.0), 0.0 * motion.alpha, "1/rad"),)
+
+@hookimpl
+def brv_hypo_mechanisms():
+    return [HotSlope()]
+"""
+
+
+@pytest.mark.slow
+def test_a_mechanism_of_the_same_shape_with_fewer_terms_is_not_named(tmp_path: Path) -> None:
+    """A change of C_malpha alone: inplane, with its offset, and a mechanism without one explain it alike."""
+    file = tmp_path / "hot_slope.py"
+    file.write_text(HOT_SLOPE)
+    use_plugin_files([file])
+    change = [{"mechanism": "inplane", "terms": {"C_malpha": 0.0162}, "start": 2.0, "stop": 4.0}]
+    flight = simulate("research_cone", seed=3, mechanisms=change)
+    verdict = compare(flight, mechanisms=["inplane", "bodyfixed", "hot_slope"], maximum_likelihood="none").verdict
+    assert (verdict.winner, verdict.outcome) == (None, "undecided")
+    assert "a change of C_malpha alone" in verdict.reason
 
 
 # Spline coefficients of a moment fixed in the body, of 8 to 10 % of the moment's rms in all.

@@ -13,8 +13,7 @@ from tests.chains import judged_cone
 
 
 def leading(*plant: str) -> Pair:
-    found = judged_cone(*plant)
-    return found.fits[found.leader], found.evidences[found.leader]
+    return judged_cone(*plant).leading
 
 
 def with_delay(pair: Pair, factor: float) -> Pair:
@@ -23,11 +22,11 @@ def with_delay(pair: Pair, factor: float) -> Pair:
     delay = next(each for each in fit.nonlinear if each.kind == "theta")
     columns = delay.moved(fit.selected, factor * delay.value)
     there = _with_columns(problem, fit, columns)
-    return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
+    return Pair(there, with_amplitudes(own.rows, own.rows.terms(there), own.at))
 
 
 def delay_of(pair: Pair) -> float:
-    return next(each.value for each in pair[0].nonlinear if each.kind == "theta")
+    return next(each.value for each in pair.fit.nonlinear if each.kind == "theta")
 
 
 @pytest.mark.thorough
@@ -36,7 +35,7 @@ def test_a_scan_leads_back_to_the_delay_of_the_largest_evidence(factor: float) -
     pair = leading("lag")
     back = scanned(judged_cone("lag").problem, with_delay(pair, factor))
     assert delay_of(back) == pytest.approx(delay_of(pair), rel=0.15)
-    assert back[1].level > with_delay(pair, factor)[1].level
+    assert back.level > with_delay(pair, factor).level
 
 
 @pytest.mark.thorough
@@ -91,7 +90,7 @@ def test_the_interval_of_a_knot_ends_before_another() -> None:
     (fit, own), problem = leading("bodyfixed"), judged_cone("bodyfixed").problem
     first, last = (each for each in fit.nonlinear if each.kind == "knot")
     reaching = replace(first, bounds=(first.bounds[0], last.value))
-    pair = replace(fit, nonlinear=(reaching, last)), own
+    pair = Pair(replace(fit, nonlinear=(reaching, last)), own)
     more = beyond_linear(problem, pair, 1e-9)
     assert more.shape == own.covariance.shape
     assert np.all(np.isfinite(more))
@@ -100,6 +99,6 @@ def test_the_interval_of_a_knot_ends_before_another() -> None:
 def test_two_changes_at_one_time_are_one() -> None:
     """As where a further region ends where another begins; each would be undetermined beside the other."""
     pair, problem = leading("bodyfixed"), judged_cone("bodyfixed").problem
-    again = _with_columns(problem, pair[0], (*pair[0].selected, *pair[0].selected[-2:]))
-    assert again.selected == pair[0].selected
-    assert len(again.nonlinear) == len(pair[0].nonlinear)
+    again = _with_columns(problem, pair.fit, (*pair.fit.selected, *pair.fit.selected[-2:]))
+    assert again.selected == pair.fit.selected
+    assert len(again.nonlinear) == len(pair.fit.nonlinear)

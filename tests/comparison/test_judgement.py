@@ -72,7 +72,7 @@ def planted_share(simulated: SimulatedFlight, found: Judged) -> float:
 
 def test_fits_have_the_criterion_coefficients_and_errors_of_their_evidence() -> None:
     found = judged_cone("bodyfixed")
-    null = found.evidences[found.null]
+    null = found.baseline
     for fit, own in zip(found.fits, found.evidences, strict=True):
         gain = found.weight * (own.level - null.level) - (MECHANISM_ACTS if fit.selected else 0.0)
         assert fit.log_evidence == pytest.approx(gain)
@@ -85,7 +85,7 @@ def test_fits_have_the_criterion_coefficients_and_errors_of_their_evidence() -> 
 def test_errors_of_coefficients_include_those_of_pressure_and_inertia() -> None:
     """Half a percent each, in every coefficient of a moment alike; knots have a sample's own instead."""
     found = judged_cone("bodyfixed")
-    fit, own = found.fits[found.leader], found.evidences[found.leader]
+    fit, own = found.leading
     more = fit.joint_covariance - own.covariance
     terms = slice(fit.baseline_size, len(fit.columns))
     instruments = found.problem.records[0].flight.instruments
@@ -99,13 +99,13 @@ def test_errors_of_coefficients_include_those_of_pressure_and_inertia() -> None:
 
 
 def test_what_was_planted_leads_and_the_baseline_does_where_nothing_was() -> None:
-    assert judged_cone("bodyfixed").fits[judged_cone("bodyfixed").leader].name == "bodyfixed"
+    assert judged_cone("bodyfixed").leading.fit.name == "bodyfixed"
     assert judged_cone().leader == judged_cone().null
 
 
 def test_planted_coefficients_are_within_their_errors() -> None:
     found = judged_cone("bodyfixed")
-    fit = found.fits[found.leader]
+    fit = found.leading.fit
     (entry,) = flown("research_cone", "bodyfixed").config.mechanisms
     errors = np.sqrt(np.diag(fit.covariance))
     assert len(fit.selected) == 2 * len(entry.terms)
@@ -138,7 +138,7 @@ def check_noise_above_stated(flight: Flight, least: float, patch: pytest.MonkeyP
     config = CompareConfig(mechanisms=("damping",), maximum_likelihood="none", knot_count=3)
     verdict = compare(flight, config).verdict
     (found,) = known
-    own = found.evidences[found.leader]
+    own = found.leading.evidence
     assert found.leader == found.null
     assert sizes_of_residual(own) == pytest.approx((1.0, 1.0), abs=NOISE_LEVEL[1])
     assert verdict.adequacy is not None
@@ -219,7 +219,7 @@ def test_squares_are_those_of_the_baselines_own_fit() -> None:
 
 
 def processes_by_name(found: Judged) -> dict[str, ProcessEstimate]:
-    each = processes(found.evidences[found.leader])
+    each = processes(found.leading.evidence)
     assert [one.share_of_moment for one in each] == sorted((one.share_of_moment for one in each), reverse=True)
     return {one.name: one for one in each}
 
@@ -240,7 +240,7 @@ def test_every_process_is_there_and_explains_next_to_nothing_where_none_is_plant
 def test_the_size_of_a_process_is_that_of_the_moment_that_it_plants(plant: tuple[str, ...]) -> None:
     """Of instruments and air the share is that of the static moment's rows."""
     found = judged_cone(*plant)
-    own, rows, each = found.evidences[found.leader], found.rows, processes_by_name(found)
+    own, rows, each = found.leading.evidence, found.rows, processes_by_name(found)
     (motion,) = rows.frame.motions
     for process in moment_processes():
         acting = process.model_copy(update={"start": float(motion.time[0]), "stop": float(motion.time[-1])})
@@ -271,7 +271,7 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_explains_it() -> N
     """Either what it is or the stiffness that changes as it does."""
     found = in_other_air()
     assert found.leader == found.null
-    largest = processes(found.evidences[found.leader])[0]
+    largest = processes(found.leading.evidence)[0]
     assert largest.name in ("density_change", "static_change")
     assert largest.share_of_moment == pytest.approx(PROFILE / np.sqrt(2.0), rel=0.5)
     assert largest.size > 2.0 * largest.tolerance
@@ -284,7 +284,7 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_explains_it() -> N
 )
 def test_the_process_of_density_explains_most_of_air_of_another_density() -> None:
     found = in_other_air()
-    assert processes(found.evidences[found.leader])[0].name == "density_change"
+    assert processes(found.leading.evidence)[0].name == "density_change"
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def shares(names: tuple[str, ...], *plant: str) -> dict[str, float]:
     """The limits of these hypotheses beside what leads where that is planted."""
     judged = judged_cone(*plant)
     groups = {"none": (), **{name: tuple(find(part) for part in name.split("+")) for name in names}}
-    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
+    found = limits(*judged.leading, groups, judged.weight)
     assert len(found) == len({limit.mechanism for limit in found})
     return {limit.mechanism: limit.share_of_moment_95 for limit in found}
 
@@ -61,7 +61,7 @@ def test_a_mechanism_that_is_not_there_has_little_room() -> None:
     """
     judged = judged_cone()
     groups = {"bodyfixed": (find("bodyfixed"),)}
-    (limit,) = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
+    (limit,) = limits(*judged.leading, groups, judged.weight)
     assert limit.share_of_moment_95 < 0.4 * planted()
     assert np.hypot(*limit.coefficients_95.values()) < 0.02 * np.hypot(8e-4, 3e-4)  # as it is planted
 
@@ -97,14 +97,14 @@ def test_a_limit_far_beyond_the_moment_is_withheld() -> None:
     """At a nat that counts for next to nothing, a record says nothing of any size."""
     judged = judged_cone("bodyfixed")
     groups = {"damping": (find("damping"),)}
-    (limit,) = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, 1e-12)
+    (limit,) = limits(*judged.leading, groups, 1e-12)
     assert np.isnan(limit.share_of_moment_95)
 
 
 def test_no_coefficient_is_limited_below_its_fit_on_a_stretch() -> None:
     """The same evidence with the mechanism as a hypothesis: estimate and error, but for the prior of its amplitude."""
     judged = judged_cone()
-    null, damping, like = judged.evidences[judged.null], find("damping"), judged.fits[judged.null]
+    null, damping, like = judged.baseline, find("damping"), judged.fits[judged.null]
     (limit,) = limits(like, null, {"damping": (damping,)}, judged.weight)
     frame = like.frame.with_mechanisms([damping])
     (term,), time = damping.terms(frame.motions[0], {}), frame.coefficient_time
@@ -121,5 +121,5 @@ def test_no_coefficient_is_limited_below_its_fit_on_a_stretch() -> None:
 def test_the_leader_and_what_lags_have_no_limits_of_coefficients() -> None:
     judged = judged_cone("bodyfixed")
     groups = {name: (find(name),) for name in ("bodyfixed", "lag", "inplane", "damping")}
-    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
+    found = limits(*judged.leading, groups, judged.weight)
     assert [set(each.coefficients_95) for each in found] == [set(), set(), {"C_m0", "C_malpha"}, {"C_damping"}]

@@ -105,7 +105,7 @@ def test_what_came_on_is_known_better_than_its_rate_and_its_width() -> None:
 @pytest.mark.thorough
 def test_knots_move_what_the_evidence_finds_and_not_what_the_fit_without_processes_had() -> None:
     found = judged_cone("bodyfixed")
-    fit, own = found.fits[found.leader], found.evidences[found.leader]
+    fit, own = found.leading
     other = replace(fit, values=np.append(fit.values[: fit.baseline_size], 3.0 * fit.values[fit.baseline_size :]))
     assert fit.nonlinear
     there, again = with_its_evidence(own.rows, other, own.at)

@@ -49,7 +49,7 @@ def test_the_noise_beside_a_large_mechanism_is_that_of_the_instruments(planted: 
     noise, known = found.problem.rows.noise, simulated.config.instruments
     assert noise.rates.sigma == pytest.approx(known.gyro.noise, rel=0.06)
     assert noise.force.sigma == pytest.approx(known.accelerometer.noise, rel=0.06)
-    leader = found.fits[found.leader]
+    leader = found.leading.fit
     assert np.sqrt(leader.rss / found.problem.samples) == pytest.approx(1.0, abs=0.1)
 
 

@@ -10,7 +10,7 @@ import pytest
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.diagnostics import delays_at_bounds
 from brv_hypo.comparison.intervals import intervals
-from brv_hypo.comparison.with_processes import likelier, price, with_its_evidence
+from brv_hypo.comparison.with_processes import Pair, likelier, price, with_its_evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.model.term import TimeBasis
 from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
@@ -22,7 +22,7 @@ from tests.studies.independent.imperfect_study import LISTED, drawn_flight
 def acting(*bases: TimeBasis, ends: bool) -> HypothesisFit:
     """The body-fixed moment of the research cone with these changes, each of both components."""
     found = judged_cone("bodyfixed")
-    fit = found.fits[found.leader]
+    fit = found.leading.fit
     components = list({column.term: column for column in fit.selected}.values())
     columns = [column.at(column.theta, basis) for basis in bases for column in components]
     known = fit.columns[: fit.baseline_size]
@@ -45,8 +45,8 @@ def test_changes_are_where_a_region_begins_and_ends_in_turn() -> None:
 
 def test_no_value_is_stated_where_a_mechanism_has_ended() -> None:
     found = judged_cone("bodyfixed")
-    fit = found.fits[found.leader]
-    _, own = with_its_evidence(found.rows, acting(TWO[0], TWO[1], ends=True), found.evidences[found.leader].at)
+    fit = found.leading.fit
+    _, own = with_its_evidence(found.rows, acting(TWO[0], TWO[1], ends=True), found.leading.evidence.at)
     ended = replace(acting(TWO[0], TWO[1], ends=True), values=own.values, joint_covariance=own.covariance)
     assert [bool(each.values) for each in intervals(replace(ended, left_out=None))] == [False, True, False]
     free = replace(ended, ends=False, left_out=None)
@@ -60,15 +60,16 @@ def test_a_form_costs_what_it_has_beyond_one_region() -> None:
     assert price(acting(*TWO, ends=True)) == FURTHER_REGION + ONSET_TAKES_TIME
     assert price(acting(TWO[0], ends=False)) == 0.0
     found = judged_cone("bodyfixed")
-    pair = found.fits[found.leader], found.evidences[found.leader]
-    costly = replace(pair[0], ends=False), replace(pair[1], level=pair[1].level + FURTHER_REGION - 0.1)
+    pair = found.leading
+    more = pair.level + FURTHER_REGION - 0.1
+    costly = Pair(replace(pair.fit, ends=False), replace(pair.evidence, level=more))
     assert likelier([costly, pair]) is pair
 
 
 @pytest.mark.thorough
 def test_a_delay_at_the_end_of_its_range_is_said_to_be_there() -> None:
     found = judged_cone("lag")
-    fit = found.fits[found.leader]
+    fit = found.leading.fit
     assert delays_at_bounds(fit) == ()
     high = replace(fit, nonlinear=tuple(replace(each, value=each.bounds[1]) for each in fit.nonlinear))
     (said,) = delays_at_bounds(high)

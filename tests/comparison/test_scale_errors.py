@@ -27,7 +27,7 @@ def test_no_scale_of_all_moments_replaces_a_large_mechanism(planted: str) -> Non
     """Linearised about the leader, one of its whole moment would replace both: in the baseline's fit there."""
     found = judged_cone(planted)
     none = found.fits[found.null]
-    assert found.fits[found.leader].name == planted
+    assert found.leading.fit.name == planted
     _, others = found.problem.solution(none.frame, none.columns)
     (errors,) = found.problem.rows.nuisances.values(others, 1)
     sizes = {(item.name, item.component): item.size for item in found.problem.rows.nuisances.items}
@@ -38,7 +38,7 @@ def test_no_scale_of_all_moments_replaces_a_large_mechanism(planted: str) -> Non
 @PLANTED
 def test_the_baseline_beside_a_large_mechanism_is_the_vehicles(planted: str) -> None:
     """As `none` had it, C_malpha was twice the true one, and drifted by six times that."""
-    leader = judged_cone(planted).fits[judged_cone(planted).leader]
+    leader = judged_cone(planted).leading.fit
     errors = np.sqrt(np.diag(leader.covariance))
     fitted = {
         c.term: (v, e)

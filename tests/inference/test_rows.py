@@ -83,7 +83,7 @@ def test_rows_of_a_process_are_those_of_the_same_moment_in_the_regression(proces
     coefficients = np.random.default_rng(1).standard_normal((len(shapes), process.splines))
     made = block.raw[:, block.columns[place]] @ coefficients.ravel()
     start, stop = float(motion.time[0]), float(motion.time[-1])
-    fit = judged_cone("bodyfixed").fits[judged_cone("bodyfixed").leader]
+    fit = judged_cone("bodyfixed").leading.fit
     expected = np.zeros(rows.y.size)
     for shape, own in enumerate(coefficients):
         mechanism = OneHistory(process=process, shape=shape, coefficients=tuple(own), start=start, stop=stop)
@@ -210,7 +210,7 @@ def test_stretches_of_time_are_of_one_flight() -> None:
 
 def test_terms_are_scaled_and_what_knots_move_is_not() -> None:
     judged = judged_cone("bodyfixed")
-    fit, rows = replace(judged.fits[judged.leader], ends=False), judged.rows
+    fit, rows = replace(judged.leading.fit, ends=False), judged.rows
     terms = rows.terms(fit)
     assert terms.x.shape == (rows.y.size, len(fit.selected) + len(fit.nonlinear))
     assert terms.scaled.tolist() == [True] * len(fit.selected) + [False] * len(fit.nonlinear)
@@ -226,7 +226,7 @@ def test_terms_are_scaled_and_what_knots_move_is_not() -> None:
 
 def test_a_mechanism_that_ends_is_one_that_acts_between_two_times() -> None:
     judged = judged_cone("bodyfixed")
-    fit, rows = judged.fits[judged.leader], judged.rows
+    fit, rows = judged.leading.fit, judged.rows
     first = fit.selected[0].time_basis.start
     last = 0.5 * (first + float(rows.frame.coefficient_time.max()))
     components = {column.term: column for column in fit.selected}.values()
@@ -288,7 +288,7 @@ def brv_hypo_mechanisms():
 def again() -> Rows:
     """The rows of one flight with what is requested now."""
     judged = judged_cone("bodyfixed")
-    return rows_of(judged.rows.problem, judged.fits[judged.leader])
+    return rows_of(judged.rows.problem, judged.leading.fit)
 
 
 class FourLobes(MomentProcess):
@@ -327,7 +327,7 @@ def test_a_process_of_a_file_that_was_named_is_in_every_comparison(tmp_path) -> 
 
 def test_errors_within_tolerances_are_those_of_the_normal_equations() -> None:
     """Of record and vehicle at once, given what baseline, mechanism and processes explain."""
-    own = judged_cone("bodyfixed").evidences[judged_cone("bodyfixed").leader]
+    own = judged_cone("bodyfixed").leading.evidence
     (block,), nuisances = own.rows.blocks, own.rows.problem.rows.nuisances
     present = np.array([nuisances.items[k].present for k in block.items])
     top = own.rows.y.size
@@ -352,7 +352,7 @@ def test_errors_of_an_estimate_that_knows_no_processes_are_those_of_the_normal_e
     """Least squares of baseline, mechanism, record and vehicle at once, moved by every process of its size."""
     judged = judged_cone("bodyfixed")
     rows = judged.rows
-    own = maximised(rows, rows.terms(replace(judged.fits[judged.leader], ends=False)))
+    own = maximised(rows, rows.terms(replace(judged.leading.fit, ends=False)))
     (block,), nuisances = rows.blocks, rows.problem.rows.nuisances
     top, rank, terms = rows.y.size, rows.coefficients.shape[1], own.terms.known
     design = rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]

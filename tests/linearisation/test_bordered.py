@@ -29,7 +29,7 @@ BORDERED = st.builds(drawn, st.integers(0, 10_000), st.integers(1, 4), st.intege
 
 @given(BORDERED)
 def test_products_are_those_of_the_whole_matrix(columns: Bordered) -> None:
-    whole, rng = columns.dense(), np.random.default_rng(1)
+    whole, rng = columns.times(np.eye(columns.size)), np.random.default_rng(1)
     rows, values = rng.standard_normal((columns.count, 2)), rng.standard_normal((columns.size, 2))
     assert whole.shape == (columns.count, columns.size)
     np.testing.assert_allclose(columns.coordinates(rows), whole.T @ rows, atol=1e-12)
@@ -40,7 +40,7 @@ def test_products_are_those_of_the_whole_matrix(columns: Bordered) -> None:
 
 @given(BORDERED)
 def test_what_is_projected_out_and_solved_for_is_least_squares(columns: Bordered) -> None:
-    whole, factors = columns.dense(), columns.factors
+    whole, factors = columns.times(np.eye(columns.size)), columns.factors
     y = np.random.default_rng(2).standard_normal((columns.count, 1))
     expected = y - whole @ np.linalg.lstsq(whole, y, rcond=None)[0]
     np.testing.assert_allclose(factors.basis.less(y), expected, atol=1e-8)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.preparation import Settings, _problem, shared_problem
+from brv_hypo.comparison.preparation import Reading, _problem, shared_problem
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import carrying
 from brv_hypo.inference.problem import Problem
@@ -51,7 +51,7 @@ def at_half_the_rate() -> Problem:
 def test_an_added_nuisance_effect_is_as_if_it_had_been_there_from_the_start() -> None:
     """The bend does not act where the motion is linearised."""
     made = reconstructed()
-    settings, config = Settings((ReconstructionConfig(),), None), CompareConfig()
+    settings, config = Reading((ReconstructionConfig(),), None), CompareConfig()
     first = _problem([made], settings, config)
     bend = StaticBend(slope=0.5)
     expected = _problem([made], replace(settings, bend=bend), config)

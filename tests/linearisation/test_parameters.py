@@ -15,6 +15,7 @@ from brv_hypo.comparison.compare import criteria_of
 from brv_hypo.comparison.verdict import OTHER, probabilities
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed, with_errors
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import ROUGH
 from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS
 from brv_hypo.motion.motion import Motion
@@ -100,11 +101,11 @@ def problem() -> Problem:
 
 @cache
 def null() -> HypothesisFit:
-    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), "none", ())))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), "none", ()), ROUGH))
 
 
 def fitted(mechanism: Mechanism) -> HypothesisFit:
-    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), mechanism.name, (mechanism,))))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), mechanism.name, (mechanism,)), ROUGH))
 
 
 @cache

@@ -13,14 +13,12 @@ from brv_hypo.inference.unmodelled import (
     SHAPES,
     TurningMoment,
     UnmodelledMoment,
-    shape_of,
     turning_moment,
     unmodelled_moments,
 )
 from brv_hypo.mechanisms import Parameter, Term, find
 from brv_hypo.model.term import candidates, theta_grid
 from brv_hypo.motion.motion import Motion
-from brv_hypo.thresholds import OUTSIDE
 from tests.comparison.pulse import problem
 
 
@@ -35,45 +33,45 @@ from tests.comparison.pulse import problem
     ],
 )
 def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(listed: tuple[str, ...], gone: set[str]) -> None:
-    found = unmodelled_moments(problem(), [find(name) for name in listed], OUTSIDE)
+    found = unmodelled_moments(problem(), [find(name) for name in listed])
     assert set(SHAPES) - {name for each in found for name in each.shapes} == gone
 
 
 def test_beside_a_mechanism_with_a_delay_every_shape_is_unmodelled() -> None:
-    found = unmodelled_moments(problem(), [find("lag"), find("sticking")], OUTSIDE)
+    found = unmodelled_moments(problem(), [find("lag"), find("sticking")])
     assert [each.shapes for each in found] == [(name,) for name in SHAPES]
 
 
 def test_beside_a_mechanism_of_every_shape_none_is_unmodelled() -> None:
-    assert unmodelled_moments(problem(), [UnmodelledMoment(shapes=SHAPES)], OUTSIDE) == ()
+    assert unmodelled_moments(problem(), [UnmodelledMoment(shapes=tuple(SHAPES))]) == ()
 
 
 def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
     motion = problem().frame.motions[0]
-    terms = UnmodelledMoment(shapes=SHAPES).terms(motion, {})
+    terms = UnmodelledMoment(shapes=tuple(SHAPES)).terms(motion, {})
     names = [term.name for term in terms]
     assert len(set(names)) == len(names)
     assert {"side moment", "two-fold cosine", "two-fold sine"} <= set(names)
-    expected = [part for name in SHAPES for part in shape_of(name, motion)]
+    expected = [part for name in SHAPES for part in SHAPES[name](motion)]
     for term, values in zip(terms, expected, strict=True):
         assert np.array_equal(term.in_plane + 1j * term.out_of_plane, values)
 
 
 def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
     """Along which body axes they are decides nothing; shapes are chosen one by one."""
-    moment, motion = UnmodelledMoment(shapes=SHAPES), problem().frame.motions[0]
+    moment, motion = UnmodelledMoment(shapes=tuple(SHAPES)), problem().frame.motions[0]
     choices: dict[object, list[str]] = {}
     for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
         if column.time_basis.kind == "constant":
             choices.setdefault(column.choice, []).append(column.term)
-    assert sorted(map(len, choices.values())) == sorted(len(shape_of(name, motion)) for name in SHAPES)
+    assert sorted(map(len, choices.values())) == sorted(len(SHAPES[name](motion)) for name in SHAPES)
     assert ["body-fixed cosine", "body-fixed sine"] in choices.values()
 
 
 @pytest.mark.thorough
 def test_it_is_fitted_beside_a_baseline_that_has_some_of_its_shapes() -> None:
     """Offset and stiffness are the baseline's own, but for their changes in time."""
-    anything = UnmodelledMoment(shapes=SHAPES)
+    anything = UnmodelledMoment(shapes=tuple(SHAPES))
     fit = fit_hypothesis(problem(), anything.name, (anything,))
     assert np.isfinite(fit.information)
     assert fit.selected
@@ -86,7 +84,7 @@ START, STOP = 1.0, 4.5
 
 
 def test_rates_are_half_a_turn_apart_and_a_moment_at_rest_is_none_of_them() -> None:
-    found = turning_moment(problem(), [], OUTSIDE, START, STOP)
+    found = turning_moment(problem(), [], START, STOP)
     assert found is not None
     apart = np.pi / (STOP - START)
     rates = np.array(found.rates)
@@ -100,10 +98,10 @@ def test_rates_are_half_a_turn_apart_and_a_moment_at_rest_is_none_of_them() -> N
 
 def test_a_rate_at_which_a_listed_mechanism_does_the_same_is_left_out() -> None:
     """A mechanism that turns at some rate itself excludes that rate alone."""
-    free = turning_moment(problem(), [], OUTSIDE, START, STOP)
+    free = turning_moment(problem(), [], START, STOP)
     assert free is not None
     rate = free.rates[3]
-    beside = turning_moment(problem(), [Turns(**dict(free.at(rate)))], OUTSIDE, START, STOP)
+    beside = turning_moment(problem(), [Turns(**dict(free.at(rate)))], START, STOP)
     assert beside is not None
     assert rate not in beside.rates
     assert set(beside.rates) < set(free.rates)
@@ -132,4 +130,4 @@ def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) 
 
 def test_there_is_none_where_it_can_turn_by_no_half_turn() -> None:
     start = float(problem().frame.time[0])
-    assert turning_moment(problem(), [], OUTSIDE, start, start + 1e-3) is None
+    assert turning_moment(problem(), [], start, start + 1e-3) is None

@@ -384,8 +384,8 @@ class TestPython:
         size = {"share_of_moment": 0.2, "share_std_error": 0.01}
         row = graded("damping").ranking[0].model_copy(update={"intervals": intervals, **size})
         first = graded("damping").model_copy(update={"ranking": (row,)}).conclusion().splitlines()[0]
-        assert f" C_damping is {value} ± 0.1, {said} times the baseline's, C_mq -1. Its rms moment, " in first
-        assert " N m, is 20" in first
+        assert f" C_damping is {value} ± 0.1, {said} times the baseline's, C_mq -1. Its rms moment is " in first
+        assert " N m, 20" in first
         unknown = row.model_copy(update={"share_std_error": 0.3})
         assert unknown.size == "Its own moment is not known: processes, or its parts, may cancel it."
 

@@ -91,7 +91,7 @@ def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time(
     """One that ends is small, not nothing, after its end; a family that is stated is its own."""
     monkeypatch.setattr(type(find("bodyfixed")), "stated_family", stated)
     beside = judged_cone("bodyfixed")
-    fit = beside.fits[beside.leader]
+    fit = beside.leading.fit
     assert len({column.time_basis for column in fit.selected}) > 1
     assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == (stated or "body")
 

@@ -8,7 +8,8 @@ import pytest
 
 from brv_hypo import compare, simulate
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.preparation import shared_time, sharing_warnings
+from brv_hypo.comparison.preparation import _by_mach, sharing_warnings
+from brv_hypo.model.common_time import CommonTime
 from brv_hypo.motion.reconstruction import Reconstruction
 from tests.comparison.pulse import problem
 from tests.studies.independent.joint import fly_several, machs
@@ -87,12 +88,12 @@ def _reconstruction(**channels: object) -> Reconstruction:
 
 def test_flights_without_mach_numbers_keep_their_times_and_it_is_said_why() -> None:
     flights = [_reconstruction(), _reconstruction(mach=None)]
-    assert shared_time(flights) is None
+    assert not isinstance(_by_mach(flights), CommonTime)
     (warning,) = sharing_warnings(flights)
     assert "at the same time on every flight" in warning
     assert "flight 2 has no Mach number" in warning
 
 
 def test_one_flight_shares_nothing_and_nothing_is_said_of_it() -> None:
-    assert shared_time([_reconstruction()]) is None
+    assert _by_mach([_reconstruction()]) is None
     assert sharing_warnings([_reconstruction()]) == ()
