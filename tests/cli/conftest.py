@@ -112,3 +112,31 @@ def simulated_file(brv_hypo, short_config, tmp_path_factory):
     done = brv_hypo("simulate", short_config, "-o", path, "--seed", 4)
     assert done.returncode == 0, done.stderr
     return path
+
+
+CONE = "base: research_cone\nduration: 3.0\nsample_rate: 100.0\nstep: 0.01"
+
+
+@pytest.fixture(scope="session")
+def planted(brv_hypo, tmp_path_factory):
+    """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
+    folder = tmp_path_factory.mktemp("planted")
+    (folder / "cone.yaml").write_text(CONE)
+    done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done, folder / "f.h5"
+
+
+@pytest.fixture(scope="session")
+def planted_file(planted):
+    return planted[1]
+
+
+@pytest.fixture(scope="session")
+def nominal_file(brv_hypo, tmp_path_factory):
+    """The same with nothing planted: a comparison of it takes a second, as nothing outside its list is looked for."""
+    folder = tmp_path_factory.mktemp("nominal")
+    (folder / "cone.yaml").write_text(CONE)
+    done = brv_hypo("simulate", "cone.yaml", "-o", "f.h5", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "f.h5"

@@ -37,21 +37,6 @@ def test_a_stage_has_a_line_where_there_is_no_terminal_not_one_for_each_percent(
     assert [re.sub(r"^\d+ s: |, \d+% done$", "", line) for line in lines] == ["flying", "landing"]
 
 
-@pytest.fixture(scope="module")
-def planted(brv_hypo, tmp_path_factory):
-    """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
-    folder = tmp_path_factory.mktemp("planted")
-    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0\nstep: 0.01")
-    done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return done, folder / "f.h5"
-
-
-@pytest.fixture(scope="module")
-def planted_file(planted):
-    return planted[1]
-
-
 class TestSimulate:
     def test_writes_a_record_with_its_truth(self, planted_file):
         flight = load_flight(planted_file)
@@ -195,9 +180,11 @@ def compared(brv_hypo, planted_file, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def regressed(brv_hypo, simulated_file, regression):
-    """A comparison by regression, with JSON on standard output."""
-    return brv_hypo("compare", simulated_file, "--config", regression, "--json", "-")
+def regressed(brv_hypo, nominal_file, tmp_path_factory):
+    """A comparison by regression, with an option of its mechanism, and JSON on standard output."""
+    path = tmp_path_factory.mktemp("regressed") / "config.yaml"
+    path.write_text(REGRESSION + "options: {damping: {form: complete}}\n")
+    return brv_hypo("compare", nominal_file, "--config", path, "--json", "-")
 
 
 class TestCompare:
@@ -263,34 +250,32 @@ class TestCompare:
         assert all(STAGE.fullmatch(line) for line in done.stderr.splitlines())
 
     @pytest.mark.thorough
-    def test_quiet_prints_title_and_outcome_in_one_line(self, brv_hypo, simulated_file, regression, regressed):
-        done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
+    def test_quiet_prints_title_and_outcome_in_one_line(self, brv_hypo, planted_file, regression, tmp_path):
+        chosen = ("--config", regression, "--mechanisms", "bodyfixed")
+        done = brv_hypo("compare", planted_file, *chosen, "-q", "--json", tmp_path / "out.json")
         (line,) = done.stdout.splitlines()
         title, _, sentence = line.partition(": ")[2].partition(": ")
-        verdict = strict_json(regressed.stdout)["verdict"]
+        verdict = strict_json((tmp_path / "out.json").read_text())["verdict"]
         assert title.startswith(verdict["winner"] or verdict["outcome"])
         assert verdict["reason"].startswith(sentence[:60])
 
     @pytest.mark.thorough
-    def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
+    def test_verbose_shows_every_term(self, brv_hypo, nominal_file, regression):
         chosen = ("--config", regression, "--mechanisms", "damping,lag")
-        done = brv_hypo("compare", simulated_file, *chosen, "-v")
+        done = brv_hypo("compare", nominal_file, *chosen, "-v")
         for expected in ("C_malpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
     @pytest.mark.thorough
-    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file, regression):
-        files = (simulated_file, simulated_file)
+    def test_several_flights_are_fitted_jointly(self, brv_hypo, nominal_file, regression):
+        files = (nominal_file, nominal_file)
         done = brv_hypo("compare", *files, "--config", regression, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert len(strict_json(done.stdout)["flights"]) == 2
 
     @pytest.mark.thorough
-    def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
-        (tmp_path / "config.yaml").write_text(REGRESSION + "options: {damping: {form: complete}}\n")
-        config = ("--config", tmp_path / "config.yaml")
-        done = brv_hypo("compare", simulated_file, *config, "--json", "-")
-        row = next(row for row in strict_json(done.stdout)["ranking"] if row["mechanism"] == "damping")
+    def test_a_configuration_sets_what_is_compared(self, regressed):
+        row = next(row for row in strict_json(regressed.stdout)["ranking"] if row["mechanism"] == "damping")
         assert {term["channel"] for term in row["terms"]} <= {"both"}
 
 

@@ -26,7 +26,7 @@ STREAMS = [
     *("mkdir gone; cd gone; rmdir ../gone; {}", "chmod 555 .; {}"),
 ]
 LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
-THOROUGH = {"env PYTHONIOENCODING=ascii {}"}  # the slow tests have all others: each takes 6 s
+THOROUGH = {"env PYTHONIOENCODING=ascii {}"}  # the slow tests have all others: each takes 5 s
 
 
 def _when(line: str) -> pytest.MarkDecorator:
@@ -36,7 +36,7 @@ def _when(line: str) -> pytest.MarkDecorator:
 @pytest.mark.parametrize("line", [pytest.param(line, marks=_when(line), id=line) for line in LINES])
 def test_no_shell_is_a_fault_of_the_program(flight_file, tmp_path, line):
     paths = os.pathsep.join(path for path in sys.path if path)
-    for arguments in (f"inspect {flight_file}", f"reconstruct {flight_file} --json -", "docs verdict"):
+    for arguments in (f"inspect {flight_file}", f"reconstruct {flight_file} --stop 1.5 --json -", "docs verdict"):
         command = line.format(f"{sys.executable} -m brv_hypo {arguments}")
         environment = {**os.environ, "PYTHONPATH": paths}
         done = subprocess.run(

@@ -115,9 +115,9 @@ def entries(value):
 
 
 @pytest.mark.thorough
-def test_a_comparison_is_the_same(brv_hypo, greedy, simulated_file, tmp_path):
+def test_a_comparison_is_the_same(brv_hypo, greedy, planted_file, tmp_path):
     (tmp_path / "compare.yaml").write_text("mechanisms: [bodyfixed]\nmaximum_likelihood: none\n")
-    alone, beside = both(brv_hypo, greedy, "compare", simulated_file, "--config", tmp_path / "compare.yaml")
+    alone, beside = both(brv_hypo, greedy, "compare", planted_file, "--config", tmp_path / "compare.yaml")
     assert alone == beside
 
 

@@ -38,12 +38,12 @@ def test_an_empty_list_in_a_configuration_is_wrong_usage(brv_hypo, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
+def test_a_file_s_mechanism_is_compared(brv_hypo, nominal_file, tmp_path):
     (tmp_path / "own.py").write_text(GOOD)
     (tmp_path / "settings.yaml").write_text(REGRESSION)
     chosen = ("--mechanisms", "own", "--config", tmp_path / "settings.yaml")
     arguments = ("--plugin", tmp_path / "own.py", *chosen, "--json", "-")
-    done = brv_hypo("compare", simulated_file, *arguments)
+    done = brv_hypo("compare", nominal_file, *arguments)
     assert done.returncode == 0, done.stderr
     assert {row["mechanism"] for row in json.loads(done.stdout)["ranking"]} == {"none", "own"}
 

@@ -39,7 +39,12 @@ def run(code):
 
 
 @pytest.mark.parametrize(
-    "before", ["import brv_hypo.simulation", "pass", "from brv_hypo.simulation import config_path"]
+    "before",
+    [
+        "import brv_hypo.simulation",
+        "pass",
+        pytest.param("from brv_hypo.simulation import config_path", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.thorough
 def test_the_public_names_are_functions(before):
@@ -120,10 +125,10 @@ def test_errors_are_what_python_code_catches(flight_file, call, expected, code):
 
 
 @pytest.mark.thorough
-def test_one_form_of_progress_serves_callables_rich_tqdm_and_the_log(simulated_file, caplog):
+def test_one_form_of_progress_serves_callables_rich_tqdm_and_the_log(nominal_file, caplog):
     calls, texts, rich = [], [], Progress(disable=True)
     tqdm = SimpleNamespace(total=None, n=0.0, set_description_str=texts.append)
-    result = brv_hypo.compare(simulated_file, **QUICK, progress=lambda *given: calls.append(given))
+    result = brv_hypo.compare(nominal_file, **QUICK, progress=lambda *given: calls.append(given))
     fractions = [fraction for fraction, _ in calls]
     assert 0.0 <= fractions[0] < 0.1 < 0.7 < fractions[-2] < fractions[-1] == 1.0
     assert fractions == sorted(fractions)

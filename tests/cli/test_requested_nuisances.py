@@ -60,9 +60,9 @@ def compared(brv_hypo, folder, flight, *arguments, names="bodyfixed", ml="none",
 
 
 @pytest.fixture(scope="module")
-def unrequested(brv_hypo, drifted, tmp_path_factory):
-    """The comparison in which no effect is requested."""
-    return compared(brv_hypo, tmp_path_factory.mktemp("unrequested"), drifted)
+def unrequested(brv_hypo, nominal_file, tmp_path_factory):
+    """A comparison in which no effect is requested."""
+    return compared(brv_hypo, tmp_path_factory.mktemp("unrequested"), nominal_file)
 
 
 def information(comparison):
@@ -90,7 +90,8 @@ def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo
 
 
 @pytest.mark.slow
-def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unrequested, tmp_path):
+def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, tmp_path):
+    unrequested = compared(brv_hypo, tmp_path, drifted)
     by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
     plugin(tmp_path, "drifting", written(tmp_path).read_text())
     with installed_in(tmp_path):
@@ -101,10 +102,10 @@ def test_its_name_in_the_comparison_requests_it(brv_hypo, drifted, unrequested, 
 
 
 @pytest.mark.thorough
-def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, unrequested, tmp_path):
+def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, nominal_file, unrequested, tmp_path):
     """The kit's sample is of 600 samples: there it is sound."""
     path = written(tmp_path, early="assert flight.samples == 600")
-    found = compared(brv_hypo, tmp_path, drifted, "--plugin", path)
+    found = compared(brv_hypo, tmp_path, nominal_file, "--plugin", path)
     assert information(found) == information(unrequested)
     (reason,) = (text for text in found["warnings"] if "drift" in text)
     assert "AssertionError" in reason
@@ -130,7 +131,7 @@ def brv_hypo_mechanisms():
 
 
 @pytest.mark.thorough
-def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, simulated_file, tmp_path):
+def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, nominal_file, tmp_path):
     """Criteria hardly change where its tolerance is next to nothing; with a large one they do.
 
     One unknown more moves the noise that the search is under, and with it where knots come to lie: of evidences beside
@@ -140,7 +141,7 @@ def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, simulated
     found = []
     for size in (1e-12, 1e-2):
         path.write_text(TILT.format(size=size))
-        found.append(information(compared(brv_hypo, tmp_path, simulated_file, "--plugin", path, names="sticking")))
-    own = information(compared(brv_hypo, tmp_path, simulated_file, names="sticking"))
+        found.append(information(compared(brv_hypo, tmp_path, nominal_file, "--plugin", path, names="sticking")))
+    own = information(compared(brv_hypo, tmp_path, nominal_file, names="sticking"))
     negligible, large = (max(abs(bic - own[name][0]) for name, (bic, _) in each.items()) for each in found)
     assert large > 5.0 * negligible

@@ -18,7 +18,7 @@ from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import simulate
 from tests.chains import compared_nominal
-from tests.flights import nominal
+from tests.flights import flown, nominal
 from tests.shared_data import shared_file
 
 REGRESSION: dict[str, Any] = {"maximum_likelihood": "none"}
@@ -33,7 +33,7 @@ def opportunity() -> Comparison:
 
 
 @pytest.mark.shared
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     """8 Hz, Martian, inertia up to a factor: neither of two explains what processes do, so none is named."""
     comparison = opportunity
@@ -225,9 +225,23 @@ def test_a_delay_is_refined_by_the_likelihood() -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_record_with_limits_keeps_to_the_regression_and_says_so(opportunity: Comparison) -> None:
-    first = opportunity.ranking[0]
+    check_regression_alone(opportunity)
+
+
+@pytest.mark.thorough
+def test_a_flight_that_nothing_on_the_list_explains_keeps_to_the_regression_and_says_so() -> None:
+    flight = flown("research_cone", "bodyfixed").flight.window(1.0, 4.0)
+    found = compare([flight], CompareConfig(mechanisms=("damping",)))
+    assert found.verdict.winner is None
+    assert found.verdict.adequacy is not None
+    assert not found.verdict.adequacy.adequate
+    check_regression_alone(found)
+
+
+def check_regression_alone(found: Comparison) -> None:
+    first = found.ranking[0]
     assert first.ml is None
     assert any("maximum_likelihood" in note for note in first.notes)
 

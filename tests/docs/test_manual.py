@@ -39,7 +39,8 @@ __all__ = ["brv_hypo"]
 
 QUICK = ("reference",)
 """Executed in every run; the others go through whole chains."""
-LATER = dict.fromkeys(("start", "record", "loop", "mechanism", "python"), "thorough") | {"effect": "slow"}
+LATER = {"start": "thorough", "record": "thorough", "loop": "slow", "mechanism": "thorough", "effect": "slow"}
+LATER |= {"python": "thorough"}
 EXECUTED = (*LATER, *QUICK)
 TOPICS = ("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation")
 

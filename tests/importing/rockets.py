@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -114,6 +114,7 @@ class Log:
         return {"time": self.time, **dict(zip(names, (*gyros, *forces), strict=True)), "altitude": height}
 
 
+@lru_cache(maxsize=16)  # it takes two seconds, and tests read the same flights
 def fly(seed: int, lean: float | None = None) -> Log:
     """A flight drawn from `seed`; `lean` of the rail in deg, 1 to 15 where it is left open."""
     rng = np.random.default_rng(seed)

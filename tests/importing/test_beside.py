@@ -48,6 +48,7 @@ def two_units() -> dict[str, Any]:
 SECOND = {name: {"column": f"{name}_2", "units": "rad/s" if name in "pqr" else "m/s^2"} for name in INERTIAL}
 
 
+@pytest.mark.thorough
 def test_two_units_that_agree_are_averaged(tmp_path: Path) -> None:
     one = brought(tmp_path, two_units()).flight
     both = brought(tmp_path, two_units(), beside=[SECOND]).flight

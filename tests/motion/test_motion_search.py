@@ -65,7 +65,7 @@ def test_a_measured_rocket_has_one_motion_however_its_rates_are_rounded() -> Non
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("vehicle", [pytest.param("blunt_capsule", marks=pytest.mark.thorough), "research_cone"])
+@pytest.mark.parametrize("vehicle", [pytest.param("blunt_capsule", marks=pytest.mark.slow), "research_cone"])
 def test_gravity_is_that_of_the_planet_and_turns_the_path_as_the_altitude_says(vehicle: str) -> None:
     """Forces hardly show gravity along the path: it was estimated at zero, and sideways at any size."""
     flown = simulate(load_config(vehicle), seed=70001).flight

@@ -215,7 +215,7 @@ def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "samples", [50, pytest.param(200, marks=pytest.mark.thorough), pytest.param(600, marks=pytest.mark.slow)]
+    "samples", [50, pytest.param(200, marks=pytest.mark.slow), pytest.param(600, marks=pytest.mark.slow)]
 )
 def test_a_record_without_noise_has_a_motion(samples: int) -> None:
     flight = sample_flight()

@@ -62,6 +62,12 @@ def not_refitted(traced: Trace, sister: Flight) -> Prediction:
     return predict(sister, traced.model.definition)
 
 
+@pytest.fixture(scope="module")
+def with_instruments(traced: Trace, sister: Flight) -> Prediction:
+    """Trim and errors of the record refitted."""
+    return predict(sister, traced.model.definition, ("trim", "instruments"))
+
+
 @pytest.mark.thorough
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
@@ -329,8 +335,8 @@ def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, 
 
 
 @pytest.mark.thorough
-def test_nearly_all_samples_are_in_the_band(traced: Trace, sister: Flight) -> None:
-    band = predict(sister, traced.model.definition, ("trim", "instruments")).band
+def test_nearly_all_samples_are_in_the_band(with_instruments: Prediction) -> None:
+    band = with_instruments.band
     assert 0.90 <= band.inside <= 0.99
     widths = np.array(band.half_width)
     assert widths.shape == np.array(band.measured).shape == (2, len(band.time_s))
@@ -347,10 +353,9 @@ def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predict
 
 
 @pytest.mark.thorough
-def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
-    fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
-    assert fitted.error.frozen < 1.05 * fitted.error.noise
-    assert fitted.frozen == predicted.frozen
+def test_instruments_are_fitted_within_their_tolerances(with_instruments: Prediction, predicted: Prediction) -> None:
+    assert with_instruments.error.frozen < 1.05 * with_instruments.error.noise
+    assert with_instruments.frozen == predicted.frozen
 
 
 @pytest.mark.thorough

@@ -95,7 +95,7 @@ def test_rolled_axes_give_the_same_comparison(case):
     assert distance(before, after, Change(roll=1.0)).within(SUMMED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [
