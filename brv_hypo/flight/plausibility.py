@@ -46,6 +46,7 @@ DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows
 BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
+GYRATION = (0.1, 0.5)  # diameters: a ring of the diameter has 0.5, and 0.1 a core a quarter as wide
 ARM_OFF = 0.002  # m, 1-sigma of the place of the accelerometers (tactical)
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
 COAST_ROUNDS, COAST_PARTS = 5, ((0.0, 0.5), (0.25, 0.75), (0.5, 1.0), (0.0, 1.0))  # parts of a coast; the last is all
@@ -335,7 +336,7 @@ def as_turned(triad: Sequence[str], turn: FloatArray) -> str:
 def contradictions(
     time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle | None = None, earth: bool = False
 ) -> tuple[RecordFault, ...]:
-    """Decisive faults of `channels` (n,), SI, NaN where missing, at `time` (n,) s: rates, climb, gain and drag."""
+    """Faults of `channels` (n,), SI, NaN where missing, at `time` (n,) s: rates, climb, gain, drag; of the inertia."""
     found = [impossible_rates(time, channels)]
     found += [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
@@ -353,6 +354,7 @@ def contradictions(
     found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
     found += [_sound(time, channels)] if earth and {"mach", "velocity"} <= set(channels) else []
     found += [_drag(time, channels, vehicle)] if vehicle and "dynamic_pressure" in channels else []
+    found += [_gyration(time, vehicle)] if vehicle else []
     return tuple(fault for fault in found if fault is not None)
 
 
@@ -368,6 +370,16 @@ def impossible_rates(time: FloatArray, channels: Mapping[str, FloatArray]) -> Re
         "in the map of the import, or, in a record made otherwise, their attributes `units`"
     )
     return RecordFault.over(time, names, "units", words, decisive=True)
+
+
+def _gyration(time: FloatArray, vehicle: Vehicle) -> RecordFault | None:
+    """An inertia that goes with no mass and diameter, as in another unit: no fault of the record, but of every N m."""
+    radius = (vehicle.ixx / vehicle.mass) ** 0.5 / vehicle.reference_length
+    words = (
+        f"radius of gyration about the spin axis of {radius:.2g} reference lengths, expected {GYRATION[0]:g} to "
+        f"{GYRATION[1]:g} diameters: check the units of ixx, mass and reference_length"
+    )
+    return None if GYRATION[0] < radius < GYRATION[1] else RecordFault.over(time, "vehicle", "units", words)
 
 
 def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:

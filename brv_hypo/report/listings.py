@@ -59,7 +59,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     moves = f"q and r are strongest at {frequency} Hz, {samples} samples a cycle (alpha may oscillate faster)"
     moves = moves if inspection.transverse_frequency > 0.0 else "no periodic transverse motion is found"
     usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
-    title = f"Faults: {'corrected as stated' if trial.sound else 'the record contradicts itself'}"
+    title = f"Faults: {'corrected, or to be, as stated' if trial.sound else 'the record contradicts itself'}"
     replaced = any(" replaced " in note or "masked" in note for note in inspection.notes)
     none = f"No fault is found{', but for the samples that the notes name' if replaced else ''}."
     what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."

@@ -33,7 +33,7 @@ def opportunity() -> Comparison:
 
 
 @pytest.mark.shared
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     """8 Hz, Martian, inertia up to a factor: neither of two explains what processes do, so none is named."""
     comparison = opportunity

@@ -220,6 +220,18 @@ def test_a_comparison_is_refused_by_the_flight_that_is_at_fault_and_its_fault(fl
     assert not any("--accept-record" in fault.action for fault in found.record.faults)
 
 
+@pytest.mark.parametrize("factor", [1.0 / 32.174, 32.174])
+def test_an_inertia_of_other_units_is_said(flights, factor: float) -> None:
+    """Pounds for slugs: the motion knows the ratio of the inertias alone, and nothing contradicts it."""
+    flight = flights["slender"]
+    vehicle = replace(flight.vehicle, ixx=factor * flight.vehicle.ixx, iyy=factor * flight.vehicle.iyy)
+    _, trial = try_record(replace(flight, vehicle=vehicle))
+    assert trial.sound
+    (fault,) = [each for each in trial.faults if each.channel == "vehicle"]
+    assert "check the units of ixx, mass and reference_length" in fault.action
+    assert not any(each.channel == "vehicle" for each in try_record(flight)[1].faults)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(("seed", "number", "world"), [(1201008, 8, "one"), (1202000, 0, "all"), (1202003, 3, "all")])
 def test_a_record_of_any_vehicle_has_no_fault(seed: int, number: int, world: str) -> None:
