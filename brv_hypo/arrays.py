@@ -11,5 +11,4 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-Values = TypeVar("Values", FloatArray, ComplexArray)
-"""Real or complex, the same within one signature."""
+Values = TypeVar("Values", FloatArray, ComplexArray)  # real or complex, the same within one signature

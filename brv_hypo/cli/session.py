@@ -422,9 +422,7 @@ def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., N
     hints = get_type_hints(Session, include_extras=True)
     names = [name for name in hints if name in (*options, "quiet", "verbose")]
     keyword = inspect.Parameter.KEYWORD_ONLY
-    shared = [
-        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=hints[name]) for name in names
-    ]
+    shared = [inspect.Parameter(k, keyword, default=getattr(Session, k), annotation=hints[k]) for k in names]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @guarded

@@ -137,9 +137,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
     selected = clock.perf_counter()
     alone = identify_credible(problem, fits, verdict, config, say)
     pairs = {pair.fit.name: pair for pair in beside.pairs}
-    likelihoods = {
-        name: found and diagnostics.with_errors_of_processes(found, *pairs[name]) for name, found in alone.items()
-    }
+    wider = diagnostics.with_errors_of_processes
+    likelihoods = {name: own and wider(own, *pairs[name]) for name, own in alone.items()}
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -165,6 +164,9 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
         warnings = (*warnings, beyond)
     elif instead := diagnostics.far_beside_small(beside, verdict.processes):
         warnings = (*warnings, instead)
+    if np.isfinite(beside.of_static):
+        slopes = zip(flights, known["functions"]["C_malpha"], strict=True)
+        warnings = (*warnings, *dict.fromkeys(each for own in slopes for each in diagnostics.caveats_of(*own)))
     known["best_by_size"] = diagnostics.best_by_size(problem, fits, criteria[beside.null])
     events = (
         *diagnostics.events_unreached(comparison),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
@@ -24,14 +25,16 @@ from brv_hypo.comparison.result import (
     far_beyond,
 )
 from brv_hypo.comparison.summary import estimates, motion_histories
+from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Estimate, Identification
 from brv_hypo.identification.parameters import NonlinearParameter
-from brv_hypo.inference.derivatives import along_flights, beside_its_processes, damping, process_history, slope, value
+from brv_hypo.inference import derivatives
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
+from brv_hypo.io.text import times
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
@@ -45,6 +48,11 @@ from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
+STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
+REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
+# Logarithm by which that leaves a parabola in ln Mach on one of 32 stretches, from which it is said. Opportunity has
+# 0.012 at most, with a density that was found from it; slender simulated bodies, whose drag follows alpha, have 0.025.
+REPORTED_DENSITY = 0.05
 _AT_BOUND = 0.01  # of a range: a value so near its end lies there
 _DETERMINED = 0.05  # share of an error's precision that is the data's: with less they hardly give a value
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
@@ -69,10 +77,12 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
             share, moment = share_of(pair), evidence.rows.measured_moment
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
             gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
-            gains[each.name] |= {"rms_moment": size * newton_metres}
-            gains[each.name] |= {"share_beside_processes": share}
-    gains[fit.name]["share_of_static"] = judged.of_static
-    functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
+            gains[each.name] |= {"rms_moment": size * newton_metres, "share_beside_processes": share}
+    (knots,) = [row.knots for row in comparison.ranking if row.mechanism == fit.name]
+    gains[fit.name] |= {"share_of_static": judged.of_static, "knots": at_own_times(judged, knots)}
+    by = {"C_m0": derivatives.value, "C_malpha": derivatives.slope, "C_mq": derivatives.damping}
+    frame = own.rows.frame_of(fit)
+    along = {k: derivatives.along_flights(own, fit.columns, frame, one, judged.weight) for k, one in by.items()}
     mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
     best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
     places = dict.fromkeys(k for k in (judged.null, judged.leader, best) if k is not None)
@@ -80,18 +90,38 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
     alone, known = None if best is None else judged.fits[best].name, fit.estimated
     covariance = fit.covariance[np.ix_(known, known)]
     return {
-        "ranking": tuple(
-            row.model_copy(
-                update=gains[row.mechanism]
-                | ({"knots": at_own_times(judged, row.knots)} if row.mechanism == fit.name else {})
-            )
-            for row in comparison.ranking
-        ),
+        "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in comparison.ranking),
         "record_errors": record_errors(own, judged.weight),
         **collinear(estimates([fit.columns[k] for k in known], fit.values[known], covariance, frame), covariance),
-        "functions": {k: along_flights(own, fit.columns, frame, by, judged.weight) for k, by in functions.items()},
+        "functions": along,
         "series": tuple(_series(judged, k, histories, alone, motions[k]) for k in range(len(motions))),
     }
+
+
+def caveats_of(flight: Flight, slope: derivatives.Derivative) -> list[str]:
+    """What in the data could pose as an effect."""
+    found, share = list[str](), flight.ax / flight.dynamic_pressure
+    drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
+    slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
+    changed = np.ptp(slopes) > STABLE_SIGMAS * np.hypot(*errors[[np.argmin(slopes), np.argmax(slopes)]])
+    if drag < REPORTED_DRAG and changed:
+        found.append(
+            f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: if "
+            "it was derived from drag, the stiffness, which changes, may in part be a change of the drag coefficient"
+        )
+    stretches = np.array_split(np.arange(flight.samples), len(slope.time_s))
+    axial = np.array([flight.ax[use].sum() / flight.dynamic_pressure[use].sum() for use in stretches])
+    if np.all(axial < 0.0) and np.ptp(slope.mach) > 0.0:  # drag, no thrust; NaN where Mach is not known
+        place, logarithms = np.log(slope.mach), np.log(-axial)
+        off = logarithms - Polynomial.fit(place, logarithms, 2)(place)
+        worst = int(np.argmax(np.abs(off)))
+        if abs(off[worst]) > REPORTED_DENSITY:
+            found.append(
+                f"axial force over dynamic pressure is {100.0 * np.expm1(off[worst]):+.2g} % off a parabola in ln Mach "
+                f"at {times(slope.time_s[worst])}: density is wrong there (family air), and every coefficient with it "
+                "(no other test here shows that), or the axial force coefficient changes"
+            )
+    return found
 
 
 def motions_beside(
@@ -306,7 +336,7 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
     """A hypothesis at the mode of its evidence, errors of the record with it."""
     own, fit = judged.evidences[place], judged.fits[place]
     problem = own.rows.problem
-    frame, columns, values = beside_its_processes(own, fit)
+    frame, columns, values = derivatives.beside_its_processes(own, fit)
     rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
     beside = frame.columns(columns[len(fit.columns) :]) @ values[len(fit.columns) :]
@@ -363,7 +393,7 @@ def _histories(own: Evidence, flight: int) -> dict[str, Any]:
     processes, found, motion = processes_by_name(), dict[str, Any](), own.rows.frame.motions[flight]
     for place, group in enumerate(own.rows.groups):
         process, made = processes[group.name], np.ones((1, 1))
-        known = process_history(own, place, process.splines, flight, np.linspace(0.0, 1.0, _TIMES))
+        known = derivatives.process_history(own, place, process.splines, flight, np.linspace(0.0, 1.0, _TIMES))
         if isinstance(process, MomentProcess):
             squares = np.array_split(np.abs(np.array(process.shapes(motion))) ** 2, _TIMES, axis=1)
             local = np.sqrt(np.stack([part.mean(axis=1) for part in squares], axis=1))

@@ -15,7 +15,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import regions
@@ -358,22 +358,25 @@ def _estimated(pair: Pair, level: float, weight: float, scale: float) -> Hypothe
 
 
 def explained(judged: Judged) -> Explained:
-    """What the leader's terms, as they are beside processes, explain of the mean square that the baseline's fit without
-    processes has as residual: their scalar product with it, so that the shares of terms, processes and noise sum to 1.
-    The interval is that of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981), which knows
-    of what a model lacks, as errors of coefficients do not; of two motions; and has what the terms alone may explain.
+    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual:
+    alone or, if that is more, as they are beside processes (their scalar product with it, for one may hide the other).
+    The rest is of processes and noise. The interval is that of the jackknife over stretches of time (Efron and Stein,
+    Ann. Statist. 9, 1981), which knows of what a model lacks, as errors of coefficients do not; and of two motions.
     """
     leader, residual, stretches = judged.leading.evidence, judged.baseline_residual, judged.rows.time_blocks
     noise = float(min(leader.noise**2 * judged.rows.size / judged.squares, 1.0))  # beside all processes
-    if not np.any(leader.terms.acting):
+    if not np.any(of_terms := leader.terms.acting):
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
-    products, squares = (np.bincount(stretches, residual * part) for part in (leader.made_of_terms, residual))
-    share = float(np.clip(products.sum() / squares.sum(), 0.0, 1.0))
-    error = jackknife_error((products.sum() - products) / (squares.sum() - squares))
-    made = judged.rows.beside_baseline(leader.terms.x[:, leader.terms.acting])
-    alone = made @ np.linalg.lstsq(made, residual, rcond=None)[0]
-    ends = [share - NORMAL_95 * error, share + NORMAL_95 * error, float(alone @ residual / squares.sum())]
-    ends += [] if judged.elsewhere is None else judged.elsewhere.interval_95
+    made, beside = judged.rows.beside_baseline(leader.terms.x[:, of_terms]), leader.made_of_terms
+
+    def share_of(use: BoolArray) -> FloatArray:
+        alone = made[use] @ np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
+        return np.array([alone, beside[use]]) @ residual[use] / np.sum(residual[use] ** 2)
+
+    shares = np.array([share_of(stretches != k) for k in (-1, *np.unique(stretches))])
+    share, *without = shares[:, np.argmax(shares[0])].tolist()
+    error = NORMAL_95 * jackknife_error(np.array(without))
+    ends = [share - error, share + error, *(() if judged.elsewhere is None else judged.elsewhere.interval_95)]
     low, high = np.clip([min(ends), max(ends)], 0.0, 1.0).tolist()
     noise = min(noise, 1.0 - share)
     rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}

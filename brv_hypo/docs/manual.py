@@ -98,9 +98,8 @@ def site() -> dict[str, str]:
     written, sections = {}, []
     for name, article in articles.items():
         first, *rest = re.split("<h2>(.*?)</h2>", article)
-        parts = [
-            (re.sub(r"\W+", "-", title.lower()), title, body) for title, body in zip(rest[::2], rest[1::2], strict=True)
-        ]
+        pairs = zip(rest[::2], rest[1::2], strict=True)
+        parts = [(re.sub(r"\W+", "-", title.lower()), title, body) for title, body in pairs]
         about = {"name": name, "titles": titles, "groups": groups, "version": __version__}
         written[f"{name}.html"] = render("manual.html.j2", first=first, parts=parts, **about)
         sections += [(name, *part[:2], Markup(part[2]).striptags()) for part in (("", titles[name], first), *parts)]

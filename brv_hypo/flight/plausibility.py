@@ -276,8 +276,7 @@ def relative_turns() -> Iterator[FloatArray]:
         yield np.diag(signs)[:, [0, 2, 1] if swapped else [0, 1, 2]]
 
 
-Mounting = tuple[float, str, FloatArray]
-"""Share of the forces that is unexplained, units and turn (3, 3) of the gyros."""
+Mounting = tuple[float, str, FloatArray]  # share of the forces that is unexplained, units and turn (3, 3) of the gyros
 
 
 def relative_axes(

@@ -269,8 +269,7 @@ class ProcessesAtMode(Mechanism):
     name, title = "processes", "processes at their mode"
     claims, source = MomentProcess.claims, MomentProcess.source
     processes: tuple[MomentProcess, ...]
-    coefficients: tuple[tuple[float, ...], ...]
-    """Of each process, those of its first shape's splines first."""
+    coefficients: tuple[tuple[float, ...], ...]  # of each process, those of its first shape's splines first
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One, of all of them."""

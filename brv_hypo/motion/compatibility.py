@@ -396,9 +396,8 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
             turned.append(plausibility.mounting_fault(masked.time, nose, tolerance))
         # Units that alone make the mounting right are the simpler mistake; their effects come after it.
         restores = mistake.fault == "units" and not turned[-1]
-        found = (
-            (*faults, *contradictions, *physics) if restores else (*faults, *physics, *(turned[0] or contradictions))
-        )
+        others = (*contradictions, *physics) if restores else (*physics, *(turned[0] or contradictions))
+        found = (*faults, *others)
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 

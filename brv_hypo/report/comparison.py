@@ -302,13 +302,11 @@ def _compared(comparison: Comparison) -> list[Block]:
 
 
 def _fit_texts(comparison: Comparison) -> list[str]:
-    """What the maximum likelihood says of its own fits, and notes on hypotheses."""
-    said = []
-    for row in comparison.ranking:
-        if (fit := row.ml) is not None:  # of one in trouble only that: errors of the record say nothing then
-            message = fit.message.split(";")[0] if fit.trouble else fit.message
-            said.append(f"{hypothesis(row.mechanism)}: {fit.status}, {fit.iterations} iterations: {message}")
-    return said + [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
+    """What is wrong with fits by maximum likelihood, and notes on hypotheses."""
+    fits = ((row.mechanism, row.ml) for row in comparison.ranking if row.ml is not None and row.ml.trouble)
+    said = [(name, f"{fit.status}, {fit.iterations} iterations: {fit.message.split(';')[0]}") for name, fit in fits]
+    said += [(row.mechanism, note) for row in comparison.ranking for note in row.notes]
+    return [f"{hypothesis(name)}: {text}" for name, text in said]
 
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:

@@ -164,9 +164,7 @@ def estimate_blocks(comparison: result.Comparison) -> list[Block]:
     net = [value for value in every if value.region_s in acting and abs(value.value) > 2.0 * value.std_error]
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     begins = collinear_at(leader)
-    table = term_table(
-        heading, net or every, "always", leader.knots, ROWS_AT_FIRST, collinear=begins, derived=leader.derived
-    )
+    table = term_table(heading, net or every, "always", leader.knots, ROWS_AT_FIRST, begins, leader.derived)
     marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
     beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
     named: Shown = "verbose" if comparison.verdict.winner is None else "always"
@@ -192,15 +190,10 @@ def collinear_at(row: result.RankedHypothesis) -> list[list[str]]:
 
 
 def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
-    """How large a hypothesis is, of which fit that is, why its errors are what they are; what is nearly collinear."""
+    """How large a hypothesis is, and of which fit that is; what is nearly collinear."""
     said = collinear_names(dict.fromkeys(group for each in row.intervals for group in each.collinear_groups))
-    if leads or not row.size or row.share_std_error > row.share_of_moment:
-        return said if leads else [*filter(None, (row.size,)), *said]
-    made, wider = row.share_beside_processes, number(row.share_beside_processes**-0.5, 2)
-    bare = f"Fitted beside processes: the ranking's F-ratio, {number(row.f_ratio)}, is without them"
-    beside = f"of what it and processes explain, it makes {share(made)}"
-    wide = f"so its sigmas are {wider} times as large as the likelihood's, its ln evidence with the leader's weight"
-    return [f"{row.size} {bare}; {beside}, {wide}.", *said]
+    fit = f"Fitted beside processes; the ranking's F-ratio, {number(row.f_ratio)}, is without them."
+    return said if leads else [f"{row.size} {fit}" if row.size else fit, *said]
 
 
 def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> Table:

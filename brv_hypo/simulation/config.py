@@ -145,10 +145,8 @@ class InstrumentsConfig(TolerancesConfig):
     velocity: SensorConfig = SensorConfig()  # m/s
     dynamic_pressure: SensorConfig = SensorConfig()  # Pa
     altitude: SensorConfig = SensorConfig()  # m
-    errors: dict[str, dict[str, float]] = Field(default_factory=dict)
-    """By record effect and component, SI; planted in the order given."""
-    draw: NotNegative = 0.0
-    """Errors, and asymmetries of the vehicle, are drawn besides from so many times the tolerances stated."""
+    errors: dict[str, dict[str, float]] = Field(default_factory=dict)  # by record effect and component, SI, in order
+    draw: NotNegative = 0.0  # of so many times the tolerances, errors and asymmetries of the vehicle are drawn besides
     spikes: tuple[SpikesConfig, ...] = ()  # samples that are off
     gaps: tuple[GapConfig, ...] = ()  # samples that are missing
 

@@ -24,8 +24,7 @@ from brv_hypo.tracing.families import RECORD_EFFECT_LARGEST, RECORD_SHARE_LARGES
 from brv_hypo.tracing.fit import Fit, history_name
 
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
-Variant = tuple[Applied, ...]
-"""The components of a record effect as it may be set, none with a value yet."""
+Variant = tuple[Applied, ...]  # the components of a record effect as it may be set, none with a value yet
 
 
 def analyse_step(

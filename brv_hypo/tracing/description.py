@@ -43,8 +43,7 @@ DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the place
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 DESCRIBED_EDGES = 17  # times, evenly over the record, between any two of which what is described may act
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
-GENERIC = "discovered"
-"""What is described in generic terms is called this, with the number of its step."""
+GENERIC = "discovered"  # what is described in generic terms is called this, with the number of its step
 _SOURCE = "found in the residual of a flight"
 
 # ---- The dictionary ----

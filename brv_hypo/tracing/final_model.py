@@ -8,15 +8,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.comparison.diagnostics import collinear, motions_beside, record_errors, whitened
+from brv_hypo.comparison.diagnostics import (
+    STABLE_SIGMAS,
+    caveats_of,
+    collinear,
+    motions_beside,
+    record_errors,
+    whitened,
+)
 from brv_hypo.comparison.intervals import Excess, estimate
 from brv_hypo.comparison.result import RecordError, TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, motion_summary, of_flight
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
@@ -32,11 +37,6 @@ from brv_hypo.tracing.fit import Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
 
 UNSTABLE_SIGMAS = 3.0  # of the worst of 32 places (`REPORTED_SLOPES`): at 5 % (Bonferroni)
-STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be called so; convention
-REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
-# Logarithm by which that leaves a parabola in ln Mach on one of 32 stretches, from which it is said. Opportunity has
-# 0.012 at most, with a density that was found from it; slender simulated bodies, whose drag follows alpha, have 0.025.
-REPORTED_DENSITY = 0.05
 OF_AN_ERROR = {"value", "std_error", "units"}  # of the record, that an estimate has too
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
 
@@ -115,7 +115,7 @@ def gathered(
                 if impossible is None
                 else (f"{impossible.mechanism} is beyond what is possible: {impossible.words}",)
             ),
-            *dict.fromkeys(each for flight, own in pairs for each in _caveats_of(flight, own)),
+            *dict.fromkeys(each for flight, own in pairs for each in caveats_of(flight, own)),
         ),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
@@ -197,33 +197,6 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
         known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
         said.append(f"{'at' if len(ends) == 1 else 'from'} {times(*(slope.time_s[k] for k in ends))}{known}")
     return " and ".join(said)
-
-
-def _caveats_of(flight: Flight, slope: Derivative) -> list[str]:
-    """What in the data could pose as an effect."""
-    found, share = list[str](), flight.ax / flight.dynamic_pressure
-    drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
-    slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
-    changed = np.ptp(slopes) > STABLE_SIGMAS * np.hypot(*errors[[np.argmin(slopes), np.argmax(slopes)]])
-    if drag < REPORTED_DRAG and changed:
-        found.append(
-            f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
-            "where it was derived from drag, its errors are those of the assumed drag coefficient, and the stiffness, "
-            "which changes along the flight, may in part be that coefficient's change"
-        )
-    stretches = np.array_split(np.arange(flight.samples), len(slope.time_s))
-    axial = np.array([flight.ax[use].sum() / flight.dynamic_pressure[use].sum() for use in stretches])
-    if np.all(axial < 0.0) and np.ptp(slope.mach) > 0.0:  # drag, no thrust; NaN where Mach is not known
-        place, logarithms = np.log(slope.mach), np.log(-axial)
-        off = logarithms - Polynomial.fit(place, logarithms, 2)(place)
-        worst = int(np.argmax(np.abs(off)))
-        if abs(off[worst]) > REPORTED_DENSITY:
-            found.append(
-                f"axial force over dynamic pressure is {100.0 * np.expm1(off[worst]):+.2g} % off a parabola in ln Mach "
-                f"at {times(slope.time_s[worst])}: density is wrong there (family air), and every coefficient with it "
-                "(no other test here shows that), or the axial force coefficient changes"
-            )
-    return found
 
 
 # ---- The model's coefficients on the whole record, and how well they are known ----

@@ -81,8 +81,7 @@ class Similar(Aerodynamic):
     """A coefficient that is a polynomial, without its constant, in a similarity parameter."""
 
     source = "standard similarity of aerodynamic coefficients"
-    parameter: ClassVar[str]
-    """The similarity parameter, as terms are named by it."""
+    parameter: ClassVar[str]  # the similarity parameter, as terms are named by it
 
     degree: int = 1
 

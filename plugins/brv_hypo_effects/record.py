@@ -22,8 +22,7 @@ class Triad(RecordEffect):
 
     kind = "instrument"
     source = "report, Appendix B"
-    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
-    """Names of the components; behind the `prefix`, of their channels."""
+    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")  # of the components; behind the `prefix`, of their channels
     prefix: ClassVar[str] = ""
     units: ClassVar[str]
 
@@ -230,8 +229,7 @@ class Declared(RecordEffect):
 
     kind = "instrument"
     component: ClassVar[str] = "scale"
-    properties: ClassVar[tuple[str, ...]] = ()
-    """Those of the vehicle."""
+    properties: ClassVar[tuple[str, ...]] = ()  # those of the vehicle
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """The relative error."""

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from brv_hypo.comparison.diagnostics import caveats_of
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.final_model import _caveats_of, damping_in_words, stability_in_words
+from brv_hypo.tracing.final_model import damping_in_words, stability_in_words
 from tests.chains import reconstructed
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
@@ -55,7 +56,7 @@ def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0, **known: o
 def test_drag_is_a_caveat_where_the_slope_changes(last: float, said: bool) -> None:
     """Axial force keeps its proportion to dynamic pressure on every flight of a constant drag coefficient."""
     slope = sloped([-0.1] * 8).model_copy(update={"at_flown": (*[-0.1] * 7, last)})
-    found = _caveats_of(reconstructed().flight, slope)
+    found = caveats_of(reconstructed().flight, slope)
     assert any("keeps a fixed proportion to the axial force" in text for text in found) == said
 
 
@@ -66,7 +67,7 @@ def test_density_that_is_off_for_a_while_shows_in_the_axial_force(share: float, 
     place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
     layer = 1.0 + share * np.exp(-(((place - 0.5) / 0.1) ** 2))
     off = replace(flight, dynamic_pressure=flight.dynamic_pressure * layer)
-    found = _caveats_of(off, sloped([-0.1] * 32, mach=40.0))
+    found = caveats_of(off, sloped([-0.1] * 32, mach=40.0))
     assert any("density is wrong there (family air)" in text for text in found) == said
 
 
