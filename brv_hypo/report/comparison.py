@@ -39,12 +39,11 @@ ALONE = (
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 NEAR = 0.12  # share of the height of C_p's axis, within which dots have one label
 EVIDENCE = (
-    "F-ratio, C_p: of fits without processes, with knots, delays and noise as beside these: another "
-    "process changes C_p, which is above k, the number of coefficients (in Models by size), also where no term is "
-    "missing. pred. error: "
-    "mean square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, "
-    "processes included. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what "
-    "is split or added beside processes comes on top. A hypothesis that only takes the place of processes has a large "
+    "F-ratio, C_p: of fits without processes, at knots, delays and noise found beside these; where processes are "
+    "needed, C_p is above k, the number of coefficients, though no term is missing. pred. error: mean "
+    "square error of moments on blocks held out of the fit; ln evidence: ln of the record's probability density, with "
+    "processes. Both over the baseline only's. A + beside terms: the search came to `max_terms` of them; what is split "
+    "or added beside processes comes on top. A hypothesis that only takes the place of processes has a large "
     "F-ratio and predicts better than the baseline, but its ln evidence is small, or below zero by its price."
 )
 

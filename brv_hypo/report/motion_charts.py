@@ -46,7 +46,7 @@ IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 _GYROS = "Band: white noise of the gyros; compare judges by the noise that the record shows, which may be larger."
-COLOURED = " Neighbouring rows are not independent: standard errors and evidence count as many samples as are."
+COLOURED = " Neighbouring rows are not independent: standard errors and evidence count fewer, independent ones."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked

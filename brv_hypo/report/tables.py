@@ -92,9 +92,8 @@ def ranking_table(comparison: result.Comparison) -> Table:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
         rows.append(nothing | {"mechanism": result.OTHER, "prob.": probability(verdict.probability[result.OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    return Table(
-        rows, "Hypotheses, by evidence (F-ratio, C_p: fits without processes)", words=("mechanism",), marked=credible
-    )
+    heading = "Hypotheses, by evidence (bold: credible; F-ratio, C_p: fits without processes)"
+    return Table(rows, heading, words=("mechanism",), marked=credible)
 
 
 def shown_processes(comparison: result.Comparison) -> list[result.ProcessEstimate]:
@@ -145,7 +144,7 @@ def process_texts(comparison: result.Comparison) -> list[Block]:
         rest = [f"{len(named) - MOST_BESIDE} more"] * (len(named) > MOST_BESIDE)
         beside = ", ".join([*named[:MOST_BESIDE], *rest]) or "none above its sigma"
         rows.append({"mechanism": hypothesis(row.mechanism), "of moment": beside})
-    heading = "Processes beside each hypothesis; below its sigma: not listed (beyond 100 % they cancel)"
+    heading = "Processes beside each hypothesis: all, listed above their sigma (beyond 100 % they cancel)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(none if small and not shown else (), bullets=False),

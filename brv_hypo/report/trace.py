@@ -154,7 +154,7 @@ def trace_document(result: Trace) -> Document:
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
     own = [term for term in result.model.terms if term.mechanism in result.findings]
-    heading = "What was found, beside all that was added; sigma has what processes make of it: quote those of compare"
+    heading = "What was found, beside all that was added; sigma includes processes (quote the values of compare)"
     groups = [group for group in result.collinear_groups if any(term.begins in group for term in own)]
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST, collinear=groups)
     limits = () if known is None else known.warnings
@@ -182,7 +182,7 @@ def trace_document(result: Trace) -> Document:
             errors,
             Texts((_ERRORS,), bullets=False, shown="verbose"),
             families_chart(result.steps[0]),
-            Texts(related, bullets=False, shown="page"),
+            Texts(related, bullets=False),
         ),
     )
 

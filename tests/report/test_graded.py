@@ -330,7 +330,7 @@ class TestPython:
         assert leader.process_shares == shown
         assert max(baseline.process_shares.values()) > 10.0 * max(shown.values(), default=0.0)
         listed = printed(found, verbose=True).partition(
-            "Processes beside each hypothesis; below its sigma: not listed"
+            "Processes beside each hypothesis: all, listed above their sigma"
         )[2]
         assert next(iter(baseline.process_shares)) in listed
 
