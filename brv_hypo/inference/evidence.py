@@ -32,7 +32,7 @@ from brv_hypo.inference.fit import HypothesisFit, LeftOut
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
-from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL, RECORD_AMPLITUDE
+from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 _LARGEST, _WALL = float(np.log(3.0)), 0.1  # logarithm of the largest amplitude, and 1-sigma of the prior beyond it
 _SLOPE = 0.1  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
@@ -111,7 +111,7 @@ class Evidence(_Integrated):
         """The same with processes of the moment one prior sigma below their ordinary amplitude, whatever terms lack."""
         at, groups = self.at.copy(), self.rows.groups
         at[1 : 1 + len(groups)] = [
-            own if group.prior == RECORD_AMPLITUDE else group.prior[0] - group.prior[1]
+            group.prior[0] - group.prior[1] if group.of_moment else own
             for own, group in zip(at[1:], groups, strict=False)
         ]
         return replace(self, at=at)

@@ -48,6 +48,7 @@ class Group:
     name: str
     family: str
     units: str  # of the history that the columns make
+    of_moment: bool  # else of record or air
     size: float  # one unit of the amplitude, in `units`
     prior: tuple[float, float]  # centre and 1-sigma of the logarithm of the amplitude
 
@@ -421,8 +422,8 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
         block = Block(rows, raw, columns, raw, own, *errors)
         blocks.append(replace(block, z=block.whitened(counted * raw)))
     groups = (
-        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
-        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
+        *(Group(each.name, each.family, each.units, False, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", True, moment, MOMENT_AMPLITUDE) for each in moments),
     )
     fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
     length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
