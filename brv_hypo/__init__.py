@@ -19,6 +19,7 @@ fault, a verdict or a finding in thresholds.py; errors with their exit codes in 
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ def __getattr__(name: str) -> Any:
             return version("brv-hypo")
         except PackageNotFoundError:  # the package runs without having been installed
             return "unknown"
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
+        return import_module(f"{__name__}.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

@@ -260,9 +260,7 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
             for mechanism in mechanisms:
                 shown = [checked(mechanism).terms(m, dict(theta)) for m in motions for theta in theta_grid(mechanism)]
                 if not any(np.any(each.in_plane) or np.any(each.out_of_plane) for terms in shown for each in terms):
-                    raise MechanismError(
-                        f"the moment of {mechanism.name} is zero throughout the record", mechanism.name
-                    )
+                    raise MechanismError(f"{mechanism.name} is zero throughout the record", mechanism.name)
             kept[name] = mechanisms
         except MechanismError as error:
             warnings.append(f"{name} is left out: {error}")
@@ -279,7 +277,8 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
             f"nothing to compare: every hypothesis has {', '.join(config.mechanisms)} beside its mechanism. Name "
             f"mechanisms too, as in lag,sticking,{config.mechanisms[0]}; none is the baseline only."
         )
-    parsed = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
+    ordered = dict.fromkeys(["none", *sorted(compared(names))])  # what is worked out goes by what was before
+    parsed = {name: parse_hypothesis(name, config.options) for name in ordered}
     # By the mechanisms' own names, also of those that are given as files.
     found = {"+".join(each.name for each in own) or name: own for name, own in parsed.items()}
     own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)

@@ -37,9 +37,7 @@ class CompareConfig(BaseModel):
         'within their tolerances: the leader and its closest rival in the credible set ("full"); these, but not on '
         'records with warnings or that no hypothesis explains ("quick": each takes several seconds); none.',
     )
-    other_prior: float = Field(
-        default=OTHER_PRIOR, gt=0.0, lt=1.0, description="Probability of what is not on the list."
-    )
+    other_prior: float = Field(default=OTHER_PRIOR, gt=0.0, lt=1.0, description="Of what is not on the list.")
 
     @field_validator("mechanisms", mode="before")
     @classmethod

@@ -236,9 +236,8 @@ def searched(
         common = aligned(reconstructions, config, first.reading.common, first.point)
         found = None if common is None else among(common)
         cost = 2.0 * (len(reconstructions) - 1) * math.log(first.point.effective)  # of two numbers a flight
-        if found is not None and _under_noise(found.problem, found.point) + cost < _under_noise(
-            first.problem, first.point
-        ):
+        before = _under_noise(first.problem, first.point)
+        if found is not None and _under_noise(found.problem, found.point) + cost < before:
             return found
     return first
 
@@ -373,7 +372,7 @@ def explained(judged: Judged) -> Explained:
         alone = made[use] @ np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
         return np.array([alone, beside[use]]) @ residual[use] / np.sum(residual[use] ** 2)
 
-    shares = np.array([share_of(stretches != k) for k in (-1, *np.unique(stretches))])
+    shares = np.clip([share_of(stretches != k) for k in (-1, *np.unique(stretches))], 0.0, 1.0)
     share, *without = shares[:, np.argmax(shares[0])].tolist()
     error = NORMAL_95 * jackknife_error(np.array(without))
     ends = [share - error, share + error, *(() if judged.elsewhere is None else judged.elsewhere.interval_95)]

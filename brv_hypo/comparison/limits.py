@@ -14,7 +14,6 @@ from scipy.stats import chi2
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
-from brv_hypo.inference.derivatives import scale_variance
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.linearisation.frame import RateFrame
@@ -155,7 +154,6 @@ def fitted_size(
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))
-    sizes *= 1.0 + np.sqrt(scale_variance(evidence.rows.problem)) * rng.standard_normal(_DRAWS)
     own = float(np.sqrt(np.mean(np.abs(made @ at_mode) ** 2)))
     return own, float(np.std(sizes)), float(np.quantile(sizes, LIMIT_QUANTILE))
 

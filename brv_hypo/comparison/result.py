@@ -132,6 +132,7 @@ class RankedHypothesis(NullIsNaN):
     share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
     rms_moment: float = Field(default=float("nan"), description="the same, N m")
+    rms_moment_std_error: float = Field(default=float("nan"), description="1 sigma, with the inertia's tolerance")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
     share_of_static: float = Field(default=float("nan"), description="added to the static moment; null: not along it")
     process_shares: dict[str, float] = Field(default={}, description="of the moment; below its sigma: left out")
@@ -149,7 +150,7 @@ class RankedHypothesis(NullIsNaN):
         more, known = float(np.sqrt(whole / (acts or whole))), np.isfinite(self.rms_moment)
         high = f"{number(more * self.rms_moment, 2)} N m" if known else f"{number(100.0 * more * share, 2)} %"
         then = f"; while it acts, {high}" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
-        made = f"{estimated(self.rms_moment, self.rms_moment * sigma / share)} N m, " if known else ""
+        made = f"{estimated(self.rms_moment, self.rms_moment_std_error)} N m, " if known else ""
         said = f"Its rms moment is {made}{estimated(100.0 * share, 100.0 * sigma)} % of the record's{then}."
         along = f"{number(100.0 * abs(self.share_of_static), 2)} %"
         does = f"adds {along} to" if self.share_of_static > 0.0 else f"takes away {along} of"
@@ -455,8 +456,8 @@ class Comparison(HasCharts, Result):
     @property
     def quoted(self) -> str:
         """What to quote in place of a maximum likelihood in trouble: no value that is nearly collinear with others."""
-        groups = [self.collinear_groups, *(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)]
-        return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
+        marked = any(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)
+        return f"{QUOTED}{BUT_MARKED if marked else ''}"
 
     def named(self) -> str:
         """What the verdict names, or that a mechanism describes the moments and is no cause; else the outcome."""
@@ -542,7 +543,7 @@ class Comparison(HasCharts, Result):
         base = next((term for term in self.baseline.terms if term.name == "C_mq"), None)
         if base is None or base.value > -2.0 * base.std_error:
             return damps
-        return f"{damps}: with it {number(1.0 + net.value / base.value, 2)} times the baseline's, C_mq {base.value:.3g}"
+        return f"{damps}: C_mq is {base.value + net.value:.3g} with it, {base.value:.3g} without"
 
     def _when(self) -> str:
         """From when to when the mechanism that the verdict names, or describes, acts, and at which Mach numbers."""

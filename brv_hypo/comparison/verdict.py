@@ -112,10 +112,13 @@ def judge(
     for k in range(count):
         rest = [[replace(c, level=c.level - float(c.held_out[k])) for c in some] for some in (listed, outside)]
         repeated.append(decide(rest[0], rest[1], fit, other_prior))
-    same = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
     confirming = sum(each.leader.name == whole.leader.name for each in repeated)
     confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
-    decision = decide(listed, outside, fit, other_prior, confirmed)
+    sure = whole.chances[OTHER] >= WINNING_PROBABILITY and count > 0
+    elsewhere = float(np.mean([each.chances[OTHER] for each in repeated])) if sure else 1.0
+    decision = decide(listed, outside, fit, other_prior, confirmed, elsewhere)
+    asked = decision if sure else whole
+    same = [(each.outcome, each.winner) == (asked.outcome, asked.winner) for each in repeated]
     leader, chances = decision.leader, decision.chances
     credible = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
     verdict = Verdict(
@@ -150,12 +153,16 @@ def decide(
     fit: Fit,
     other_prior: float = OTHER_PRIOR,
     confirmed: float = 1.0,
+    elsewhere: float = 1.0,
 ) -> Decision:
-    """The rules; `confirmed`: share of repetitions with this leader. An impossible leader's chance goes to `other`."""
+    """The rules; `confirmed`: share of repetitions with this leader; `elsewhere`: what these make of something else, at
+    most. An impossible leader's chance goes to `other`.
+    """
     leader = max(listed, key=lambda candidate: candidate.level)
     levels = {candidate.name: candidate.level for candidate in listed}
     chances = probabilities(levels, [candidate.level for candidate in outside], other_prior)
     chances = _discounted({OTHER: 0.0, **chances}, leader.name, confirmed)
+    chances = _discounted(chances, OTHER, elsewhere)
     if leader.impossible is not None:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
@@ -167,9 +174,9 @@ def decide(
     return Decision(leader, chances, adequate, predicts, outcome, leader.name if outcome == "named" else None)
 
 
-def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
+def _discounted(chances: Mapping[str, float], leader: str, confirmed: float) -> dict[str, float]:
     """Probabilities, the leader's no larger than repetitions confirm; the rest goes to its rivals on the list."""
-    lost = chances[leader] - max(stability, CREDIBLE_PROBABILITY)
+    lost = chances[leader] - max(confirmed, CREDIBLE_PROBABILITY)
     rivals = {name: chance for name, chance in chances.items() if name not in (leader, OTHER)}
     if lost <= 0.0 or not rivals:
         return dict(chances)

@@ -229,8 +229,10 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
     if informative[0]:
         weight = np.array([squares[0, 0] for squares, _, _ in relations])
         slope = float(weight @ np.array([each for _, each, _ in relations]) / np.sum(weight))
-        if slope <= 0.0:
-            left[0], slope = 1.0, None
+        lowest, least, _ = limits.COMPATIBILITY_NORMAL_WITHIN
+        # Where that of a blunt body is next to nothing, errors of the record may make it negative.
+        slope = None if slope < lowest else max(slope, least)
+        left[0] = left[0] if slope else 1.0
     (axial, axial_sigma), pressure = _axial(flight, pieces), _pressure_ratio(flight, readings)
     # The axial force may differ by an error of scale, and by wind and gravity.
     logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
@@ -448,7 +450,7 @@ def _broken(found: Compatibility) -> Sequence[str]:
     for name, value, sigma, (low, high) in (
         ("axial", found.axial, found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN),
         ("pressure", found.pressure, 0.0, limits.COMPATIBILITY_PRESSURE_WITHIN),
-        ("slope", found.normal_slope, 0.0, limits.COMPATIBILITY_NORMAL_WITHIN),
+        ("slope", found.normal_slope, 0.0, (0.0, limits.COMPATIBILITY_NORMAL_WITHIN[-1])),
     ):
         doubt = limits.COMPATIBILITY_AXIAL_SIGMAS * sigma
         if value is not None and not low - doubt < value < high + doubt:

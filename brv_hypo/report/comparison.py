@@ -20,12 +20,8 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Span, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
-FUNCTIONS = {
-    "C_m0": ("static-offset", "Static moment at alpha = 0", "C<sub>m0</sub>"),
-    "C_malpha": STATIC,
-    "C_mq": DAMPING,
-}
-"""Name, heading and axis of a function of Mach number."""
+_OFFSET = ("static-offset", "Static moment at alpha = 0", "C<sub>m0</sub>")  # name, heading and axis
+FUNCTIONS = {"C_m0": _OFFSET, "C_malpha": STATIC, "C_mq": DAMPING}
 CHANNELS = {
     "measured-rates": {"q": ("q, deg/s", 180.0 / np.pi), "r": ("r, deg/s", 180.0 / np.pi)},
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
@@ -226,6 +222,7 @@ def comparison_document(comparison: Comparison) -> Document:
     of_each = [Section(f"Terms of {hypothesis(r.mechanism)}", _of_hypothesis(comparison, r), True) for r in ranking]
     notes = [note for flight in comparison.flights for note in flight.notes]
     notes += [f"setting {name}: {value}" for name, value in comparison.settings.items()]
+    shares = tables.process_blocks(comparison)
     if ranking:
         seconds = comparison.seconds
         notes.append(f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood")
@@ -242,11 +239,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Texts(idle, bullets=False),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
-        beside=[
-            *tables.estimate_blocks(comparison),
-            *tables.limit_blocks(comparison),
-            *tables.process_blocks(comparison),
-        ],
+        beside=[*tables.estimate_blocks(comparison), *tables.limit_blocks(comparison), *shares],
         blocks=(
             Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
             Section("Notes", [Texts(notes, "How the record was read", shown="verbose")], folded=True),

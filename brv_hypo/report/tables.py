@@ -35,7 +35,7 @@ _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
 ROWS_AT_FIRST, WARNINGS_AT_FIRST = 4, 2  # that the terminal shows; all of them with -v and on the page
-ERRORS = "Errors above one sigma, and trim, least probable first"
+ERRORS = "Errors of record and vehicle that the data show, least probable first; trim"
 IN_A_PART = "In a part: what begins or ends in the record; of moment: throughout as well."
 UNLIMITED = "Trim and baseline hide more of what acts throughout. Processes are beside these limits, not within them."
 OF_ERRORS = (
@@ -192,7 +192,7 @@ def size_texts(row: result.RankedHypothesis, leads: bool) -> list[str]:
     """How large a hypothesis is, and of which fit that is; what is nearly collinear."""
     said = collinear_names(dict.fromkeys(group for each in row.intervals for group in each.collinear_groups))
     fit = f"Fitted beside processes; the ranking's F-ratio, {number(row.f_ratio)}, is without them."
-    return said if leads else [f"{row.size} {fit}" if row.size else fit, *said]
+    return said if leads else [" ".join(filter(None, (f"{row.mechanism}:", row.size, fit))), *said]
 
 
 def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> Table:

@@ -83,6 +83,12 @@ class PlantedConfig(Section):
     start: float | None = None  # s; None: from the beginning
     stop: float | None = None  # s; None: to the end
 
+    @model_validator(mode="after")
+    def _begins_first(self) -> PlantedConfig:
+        if self.start is not None and self.stop is not None and self.stop <= self.start:
+            raise ValueError(f"{self.mechanism} acts from {self.start:g} to {self.stop:g} s, expected stop after start")
+        return self
+
 
 class SensorConfig(Section):
     """Noise of an instrument (1 sigma, white). Its errors are record effects: `InstrumentsConfig.errors`."""

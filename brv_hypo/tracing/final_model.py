@@ -91,6 +91,7 @@ def gathered(
         if a.effect.carried
     ]
     known = sorted((*added, *record_errors(beside, weight)), key=lambda each: -each.sigmas)
+    beyond = [f"{each.mechanism} is beyond what is possible: {each.words}" for each in [impossible] if each is not None]
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -109,14 +110,7 @@ def gathered(
         dynamic_stability=damping_in_words(damped),
         stopped=stopped,
         unexplained=None if final.white else f"The residual has {final.words}.",
-        caveats=(
-            *(
-                ()
-                if impossible is None
-                else (f"{impossible.mechanism} is beyond what is possible: {impossible.words}",)
-            ),
-            *dict.fromkeys(each for flight, own in pairs for each in caveats_of(flight, own)),
-        ),
+        caveats=(*beyond, *dict.fromkeys(each for flight, own in pairs for each in caveats_of(flight, own))),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
         discovered=_described(fit.model, columns, values) or discovery,
@@ -179,11 +173,11 @@ def damping_in_words(damped: Sequence[Derivative]) -> str:
         ends = [int(np.argmin(values)), int(np.argmax(values))]
         most = float(stats.studentized_range.isf(MODEL_ERROR_CHANCE, values.size, np.inf)) / np.sqrt(2.0)
         if np.ptp(values) > most * np.hypot(*errors[ends]):
-            each = [f"{estimated(values[k], errors[k])} {_when(one, np.arange(values.size) == k)}" for k in ends]
+            said_of = {k: f"{estimated(values[k], errors[k])} {_when(one, np.arange(values.size) == k)}" for k in ends}
             of = f" of flight {one.flight + 1}" if len(damped) > 1 else ""
             said.append(
-                f"The damping{of} changes, C_mq {' and '.join(each)}: a course of time, Mach number or alpha in "
-                "model and processes; `compare` tests which mechanism it may be."
+                f"The damping{of} changes, C_mq least {said_of[ends[0]]}, largest {said_of[ends[1]]}: a course of "
+                "time, Mach number or alpha in model and processes; `compare` tests which mechanism it may be."
             )
     return " ".join(filter(None, said))
 

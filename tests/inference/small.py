@@ -58,7 +58,8 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         no_errors = np.zeros((sizes.rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
         blocks.append(Block(here, own_z, places, own_z, part, *no_errors))
     groups = tuple(
-        Group(f"process {k}", "family", "1", True, 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0)) for k in range(len(sizes.splines))
+        Group(f"process {k}", "family", "1", True, 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0))
+        for k in range(len(sizes.splines))
     )
     rows = Rows(
         problem=cast(Problem, None),

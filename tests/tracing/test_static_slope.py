@@ -91,7 +91,7 @@ def test_where_it_is_not_significantly_stable_is_reported_by_flight() -> None:
 def test_a_damping_that_changes_is_reported_with_both_ends() -> None:
     damped = sloped([0.0] * 3).model_copy(update={"at_flown_std_error": (0.7,) * 3, "at_flown": (-4.0, -12.0, -3.0)})
     said = damping_in_words([damped])
-    assert "changes, C_mq -12.00 ± 0.7 at 10 s (Mach 19) and -3.00 ± 0.7 at 20 s (Mach 18)" in said
+    assert "changes, C_mq least -12.00 ± 0.7 at 10 s (Mach 19), largest -3.00 ± 0.7 at 20 s (Mach 18)" in said
     assert damping_in_words([damped.model_copy(update={"at_flown": (-4.0, -5.5, -3.9)})]) == ""
 
 
