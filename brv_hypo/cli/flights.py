@@ -31,7 +31,7 @@ def inspect(session: Session, flight: FlightFile) -> None:
 
     inspection = inspect_flight(flight, start=session.start, stop=session.stop)
     trial = try_record(load_flight(flight, start=session.start, stop=session.stop))[1]
-    session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
+    session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection, trial))
     session.write_json(inspection_data(inspection, trial))
 
 

@@ -54,12 +54,8 @@ def listing(session: Session, context: typer.Context) -> None:
 
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
-    tables = (
-        listing_table(found, verbose=session.verbose),
-        Texts((OF_KINDS,), bullets=False),
-        plantable_texts(plantable),
-    )
-    session.show(*tables, conclusion="\n".join(found))
+    kinds = Texts((OF_KINDS,), bullets=False), plantable_texts(plantable)
+    session.show(listing_table(found, verbose=session.verbose), *kinds, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))
 

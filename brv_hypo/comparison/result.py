@@ -148,10 +148,13 @@ class RankedHypothesis(NullIsNaN):
             return "Its own moment is not known: processes, or its parts, may cancel it."
         whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
         more, known = float(np.sqrt(whole / (acts or whole))), np.isfinite(self.rms_moment)
-        high = f"{number(more * self.rms_moment, 2)} N m" if known else f"{number(100.0 * more * share, 2)} %"
-        then = f"; while it acts, {high}" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
-        made = f"{estimated(self.rms_moment, self.rms_moment_std_error)} N m, " if known else ""
-        said = f"Its rms moment is {made}{estimated(100.0 * share, 100.0 * sigma)} % of the record's{then}."
+        high = number(more * (self.rms_moment if known else 100.0 * share), 2)
+        then = f" ({high} while acting)" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        part = f"{estimated(100.0 * share, 100.0 * sigma)} % of the record's"
+        made = (
+            f"{estimated(self.rms_moment, self.rms_moment_std_error)} N m{then}, {part}" if known else f"{part}{then}"
+        )
+        said = f"Its rms moment is {made}."
         along = f"{number(100.0 * abs(self.share_of_static), 2)} %"
         does = f"adds {along} to" if self.share_of_static > 0.0 else f"takes away {along} of"
         return said if np.isnan(self.share_of_static) else f"{said} It {does} the static moment."
@@ -456,8 +459,8 @@ class Comparison(HasCharts, Result):
     @property
     def quoted(self) -> str:
         """What to quote in place of a maximum likelihood in trouble: no value that is nearly collinear with others."""
-        marked = any(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)
-        return f"{QUOTED}{BUT_MARKED if marked else ''}"
+        groups = [self.collinear_groups, *(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)]
+        return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
 
     def named(self) -> str:
         """What the verdict names, or that a mechanism describes the moments and is no cause; else the outcome."""
