@@ -31,7 +31,9 @@ def inspect(session: Session, flight: FlightFile) -> None:
 
     inspection = inspect_flight(flight, start=session.start, stop=session.stop)
     trial = try_record(load_flight(flight, start=session.start, stop=session.stop))[1]
-    session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection, trial))
+    faults = ", ".join(dict.fromkeys(fault.fault for fault in trial.faults)) or "none"
+    said = f"{inspection_line(inspection)}; faults: {faults}{'' if trial.sound else ', the record contradicts itself'}"
+    session.show(*inspection_blocks(inspection, trial), conclusion=said)
     session.write_json(inspection_data(inspection, trial))
 
 

@@ -65,7 +65,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
-        Texts((inspection_line(inspection, trial), usable), bullets=False),
+        Texts((inspection_line(inspection), usable), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, shown),
@@ -81,12 +81,10 @@ def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
     return [f"{phase.name}: {times(phase.start_s, phase.stop_s)}" for phase in phases]
 
 
-def inspection_line(inspection: Inspection, trial: RecordTrial) -> str:
-    """Length, rate, planet and faults in one line."""
-    faults = ", ".join(dict.fromkeys(fault.fault for fault in trial.faults)) or "none"
+def inspection_line(inspection: Inspection) -> str:
+    """Length, rate and planet in one line."""
     span = f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}"
-    sound = "" if trial.sound else " (the record contradicts itself)"
-    return f"{span}, {inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}; faults: {faults}{sound}"
+    return f"{span}, {inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
 
 
 def _units(channel: ChannelQuality) -> str:

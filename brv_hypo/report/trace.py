@@ -158,7 +158,8 @@ def trace_document(result: Trace) -> Document:
     groups = [group for group in result.collinear_groups if any(term.begins in group for term in own)]
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST, collinear=groups)
     limits = () if known is None else known.warnings
-    warnings = (*fault_texts(result.record), *result.caveats, *limits)
+    own, faults = (*result.caveats, *limits), fault_texts(result.record)
+    warnings = (*own, *faults) if sound else (*faults, *own)  # what was only corrected comes last
     has = [(*result.given, *names_added(result.steps[:k])) for k in range(len(result.steps))]
     steps = [b for step, own in zip(result.steps, has, strict=True) for b in _step(step, own)]
     sections = [
