@@ -157,9 +157,9 @@ def trace_document(result: Trace) -> Document:
     heading = "What was found, beside all that was added; sigma includes processes (quote the values of compare)"
     groups = [group for group in result.collinear_groups if any(term.begins in group for term in own)]
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST, collinear=groups)
-    limits = () if known is None else known.warnings
-    own, faults = (*result.caveats, *limits), fault_texts(result.record)
-    warnings = (*own, *faults) if sound else (*faults, *own)  # what was only corrected comes last
+    limits = (*result.caveats, *(() if known is None else known.warnings))
+    faults = fault_texts(result.record)
+    warnings = (*limits, *faults) if sound else (*faults, *limits)  # what was only corrected comes last
     has = [(*result.given, *names_added(result.steps[:k])) for k in range(len(result.steps))]
     steps = [b for step, own in zip(result.steps, has, strict=True) for b in _step(step, own)]
     sections = [
