@@ -117,8 +117,8 @@ def judge(
     sure = whole.chances[OTHER] >= WINNING_PROBABILITY and count > 0
     elsewhere = float(np.mean([each.chances[OTHER] for each in repeated])) if sure else 1.0
     decision = decide(listed, outside, fit, other_prior, confirmed, elsewhere)
-    asked = decision if sure else whole
-    same = [(each.outcome, each.winner) == (asked.outcome, asked.winner) for each in repeated]
+    final = decision if sure else whole
+    same = [(each.outcome, each.winner) == (final.outcome, final.winner) for each in repeated]
     leader, chances = decision.leader, decision.chances
     credible = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
     verdict = Verdict(
