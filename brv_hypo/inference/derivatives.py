@@ -20,7 +20,7 @@ from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes, span_of
 from brv_hypo.mechanisms.registry import moment_processes, nuisance_effects
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
@@ -285,7 +285,7 @@ def beside_its_processes(own: Evidence, fit: HypothesisFit) -> tuple[RateFrame, 
     """A hypothesis with the processes of moments beside it as a model: frame, columns and their values."""
     known = []
     for flight, motion in enumerate(own.rows.frame.motions):
-        processes = tuple(each.over(motion) for each in moment_processes())
+        processes = tuple(each.model_copy(update=span_of(motion)) for each in moment_processes())
         coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
         each = ProcessesAtMode(processes=processes, coefficients=coefficients)
         known.append(each.model_copy(update={"name": f"{ProcessesAtMode.name} {flight}"}))

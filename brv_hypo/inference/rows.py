@@ -30,7 +30,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import prediction_slopes
 from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import orthonormal
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, rms_of_shapes, span_of
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import ALWAYS, EVENTS_APART, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
@@ -444,7 +444,7 @@ def rates_of_processes(
 ) -> list[ComplexArray]:
     """The splines of each process of one flight as rates (rows of the flight, splines), of a prior of its amplitude."""
     motion, own, found = frame.motions[flight], frame.of_flight(flight), []
-    for process in (each.over(motion) for each in moments):
+    for process in (each.model_copy(update=span_of(motion)) for each in moments):
         columns = [Regressor(process.name, term.name) for term in process.terms(motion, {})]
         size = moment / rms_of_shapes(process, motion)
         found.append(size * own.with_mechanisms([process]).columns(columns))

@@ -20,7 +20,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pluggy
@@ -235,10 +235,6 @@ class MomentProcess(Mechanism):
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """C_m,in + i C_n,side of each shape, on the motion's own."""
 
-    def over(self, motion: Motion) -> Self:
-        """The same with its splines over all of a motion."""
-        return self.model_copy(update={"start": float(motion.time[0]), "stop": float(motion.time[-1])})
-
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
         histories, terms = time_splines(motion.time, self.start, self.stop, self.splines), list[Term]()
@@ -247,6 +243,11 @@ class MomentProcess(Mechanism):
                 product = shape * histories[..., k]
                 terms.append(Term(f"{self.name} {number} {k}", product.real.copy(), product.imag.copy()))
         return tuple(terms)
+
+
+def span_of(motion: Motion) -> dict[str, float]:
+    """`start` and `stop` of a process whose splines are over all of a motion."""
+    return {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
 
 
 def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:

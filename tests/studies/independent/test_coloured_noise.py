@@ -37,15 +37,12 @@ def test_the_record_is_not_fitted_with_errors_of_many_tolerances(seed: int, shar
     assert error < share * np.sqrt(np.mean(made.true.alpha**2))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "truth", "listed"),
     [
         (238, "none", ("damping", "bodyfixed")),
-        *(
-            pytest.param(*each, LISTED, marks=pytest.mark.slow)
-            for each in ((238, "none"), (276, "none"), (278, "damping"), (279, "bodyfixed"))
-        ),
+        *((*each, LISTED) for each in ((238, "none"), (276, "none"), (278, "damping"), (279, "bodyfixed"))),
     ],
 )
 def test_the_walk_that_such_noise_makes_is_no_mechanism(seed: int, truth: str, listed: tuple[str, ...]) -> None:

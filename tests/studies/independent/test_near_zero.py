@@ -11,10 +11,10 @@ from tests.studies.independent.mechanisms import LISTED
 from tests.studies.independent.near_zero import make_through_zero
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("listed", [("damping", "bodyfixed"), pytest.param(LISTED, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("truth", ["damping", pytest.param("none", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("vehicle", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("listed", [("damping", "bodyfixed"), LISTED])
+@pytest.mark.parametrize("truth", ["damping", "none"])
+@pytest.mark.parametrize("vehicle", ["cone", "slender"])
 def test_through_zero(vehicle: str, truth: str, listed: tuple[str, ...]) -> None:
     """Strong damping is named, and nothing is where nothing is: there none may be as large as the moment."""
     made = make_through_zero(vehicle, truth, seed=48000)
