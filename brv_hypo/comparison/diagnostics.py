@@ -66,7 +66,6 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
     flights = [(each.flight.dynamic_pressure, each.flight.vehicle) for each in motions]
     scales = np.concatenate([q * vehicle.reference_area * vehicle.reference_length for q, vehicle in flights])
     newton_metres = rms(scales)  # of a moment coefficient of 1
-    inertia = max(max(each.flight.instruments.inertia) for each in motions)  # relative; that of pressure cancels
     for pair in judged.pairs:
         each, evidence = pair
         gain = judged.weight * (evidence.held_out - null)  # on each stretch of time given the others
@@ -79,7 +78,6 @@ def of_leader(judged: Judged, comparison: Comparison, motions: Sequence[Reconstr
             size, error, _ = fitted_size(each, evidence, independent * share, {m.name for m in each.mechanisms})
             gains[each.name] |= {"share_of_moment": size / moment, "share_std_error": error / moment}
             gains[each.name] |= {"rms_moment": size * newton_metres, "share_beside_processes": share}
-            gains[each.name] |= {"rms_moment_std_error": float(np.hypot(error, inertia * size)) * newton_metres}
     (knots,) = [row.knots for row in comparison.ranking if row.mechanism == fit.name]
     gains[fit.name] |= {"share_of_static": judged.of_static, "knots": at_own_times(judged, knots)}
     by = {"C_m0": derivatives.value, "C_malpha": derivatives.slope, "C_mq": derivatives.damping}

@@ -132,7 +132,6 @@ class RankedHypothesis(NullIsNaN):
     share_of_moment: float = Field(default=float("nan"), description="rms moment beside processes, over the record's")
     share_std_error: float = Field(default=float("nan"), description="1 sigma of `share_of_moment`")
     rms_moment: float = Field(default=float("nan"), description="the same, N m")
-    rms_moment_std_error: float = Field(default=float("nan"), description="1 sigma, with the inertia's tolerance")
     share_beside_processes: float = Field(default=float("nan"), description="of the squares that it and processes make")
     share_of_static: float = Field(default=float("nan"), description="added to the static moment; null: not along it")
     process_shares: dict[str, float] = Field(default={}, description="of the moment; below its sigma: left out")
@@ -152,7 +151,9 @@ class RankedHypothesis(NullIsNaN):
         then = f" ({high} while acting)" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
         part = f"{estimated(100.0 * share, 100.0 * sigma)} % of the record's"
         made = (
-            f"{estimated(self.rms_moment, self.rms_moment_std_error)} N m{then}, {part}" if known else f"{part}{then}"
+            f"{estimated(self.rms_moment, self.rms_moment * sigma / share)} N m{then}, {part}"
+            if known
+            else f"{part}{then}"
         )
         said = f"Its rms moment is {made}."
         along = f"{number(100.0 * abs(self.share_of_static), 2)} %"
