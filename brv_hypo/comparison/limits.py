@@ -154,7 +154,7 @@ def fitted_size(
     rng = np.random.default_rng(_SEED)
     drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(made @ drawn.T) ** 2, axis=0))
-    # Of an error of the pressure nothing remains in N m, or over the record's moment; the inertia's is that of what turns.
+    # An error of the pressure cancels, in N m and over the record's moment.
     inertia = max(max(record.flight.instruments.inertia) for record in evidence.rows.problem.records)
     sizes *= 1.0 + inertia * rng.standard_normal(_DRAWS)
     own = float(np.sqrt(np.mean(np.abs(made @ at_mode) ** 2)))

@@ -150,11 +150,8 @@ class RankedHypothesis(NullIsNaN):
         high = number(more * (self.rms_moment if known else 100.0 * share), 2)
         then = f" ({high} while acting)" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
         part = f"{estimated(100.0 * share, 100.0 * sigma)} % of the record's"
-        made = (
-            f"{estimated(self.rms_moment, self.rms_moment * sigma / share)} N m{then}, {part}"
-            if known
-            else f"{part}{then}"
-        )
+        newtons = estimated(self.rms_moment, self.rms_moment * sigma / share) if known else ""
+        made = f"{newtons} N m{then}, {part}" if known else f"{part}{then}"
         said = f"Its rms moment is {made}."
         along = f"{number(100.0 * abs(self.share_of_static), 2)} %"
         does = f"adds {along} to" if self.share_of_static > 0.0 else f"takes away {along} of"
