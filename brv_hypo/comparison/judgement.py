@@ -17,7 +17,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
-from brv_hypo.comparison.intervals import within_bounds
+from brv_hypo.comparison.intervals import channel_of, within_bounds
 from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Reading, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
@@ -130,15 +130,16 @@ class Judged:
 
     @property
     def of_static(self) -> float:
-        """What the leader adds to the static moment while it acts, as a share; NaN unless most of it is along that."""
+        """What a leader in the plane of alpha adds to the static moment while it acts; NaN unless most is along it."""
         fit, static = self.leading.fit, (StaticMoment.name, StaticBend.name)
-        moments = self.rows.frame_of(fit).moments(fit.columns) * fit.values
+        frame = self.rows.frame_of(fit)
+        moments = frame.moments(fit.columns) * fit.values
         made = moments[:, fit.baseline_size :].sum(axis=1)
         acts, known = made != 0.0, [k for k, column in enumerate(fit.columns) if column.mechanism in static]
         made, base = made[acts], moments[np.ix_(acts, known)].sum(axis=1)
-        along = float(np.vdot(base, made).real)
-        most = along**2 > 0.5 * float(np.sum(np.abs(base) ** 2) * np.sum(np.abs(made) ** 2))
-        return along / float(np.sum(np.abs(base) ** 2)) if most else math.nan
+        along, square = float(np.vdot(base, made).real), float(np.sum(np.abs(base) ** 2))
+        most = along**2 > 0.5 * square * float(np.sum(np.abs(made) ** 2))
+        return along / square if most and {channel_of(c, frame) for c in fit.selected} == {"in-plane"} else math.nan
 
     @cached_property
     def squares(self) -> float:

@@ -62,6 +62,11 @@ def test_every_name_is_a_function_here():
     assert all(callable(getattr(brv_hypo, name)) for name in NAMES)
 
 
+def test_parts_of_the_package_are_found():
+    assert brv_hypo.mechanisms.use_plugin_files
+    assert issubclass(brv_hypo.errors.UsageError, ValueError)
+
+
 def test_an_unknown_name_is_refused():
     with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
         _ = brv_hypo.nonsense

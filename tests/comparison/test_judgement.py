@@ -22,6 +22,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
@@ -308,3 +309,17 @@ def test_what_was_not_linear_about_the_search_is_no_further_region() -> None:
     (fraction, _), (delay,) = first.terms, (each for each in first.derived if each.name == "lag delay")
     assert (fraction.value - 1.0) / fraction.std_error == pytest.approx(0.0, abs=3.0)
     assert (delay.value - 0.04) / delay.std_error == pytest.approx(0.0, abs=3.0)
+
+
+@pytest.mark.thorough
+def test_what_a_mechanism_makes_of_the_static_moment_is_said_where_it_is_along_that() -> None:
+    found = judged_cone("inplane")
+    fit, names = found.leading.fit, (StaticMoment.name, StaticBend.name)
+    static = [column.mechanism in names for column in fit.columns]
+    moments = found.rows.frame_of(fit).moments(fit.columns) * fit.values
+    made, base = moments[:, fit.baseline_size :].sum(axis=1), moments[:, static].sum(axis=1)
+    acts = made != 0.0
+    slope = float(np.vdot(base[acts], made[acts]).real / np.vdot(base[acts], base[acts]).real)
+    assert found.of_static == pytest.approx(slope)
+    assert np.isnan(judged_cone("bodyfixed").of_static)
+    assert np.isnan(judged_cone().of_static)

@@ -10,6 +10,7 @@ import pytest
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.simulation import config_names, config_path, load_config, simulate
+from brv_hypo.simulation.config import PlantedConfig
 from tests.flights import flown
 from tests.truth import load_truth
 
@@ -157,3 +158,8 @@ def test_names_and_plants_that_do_not_exist_are_refused() -> None:
         config_path("blunt_capsul")
     with pytest.raises(UsageError, match="holds sticking, lag"):
         load_config("research_cone", plant=("magic",))
+
+
+def test_what_is_planted_begins_before_it_ends() -> None:
+    with pytest.raises(ValueError, match="acts from 3 to 1 s, expected stop after start"):
+        PlantedConfig(mechanism="lag", terms={"lag fraction": 1.0}, start=3.0, stop=1.0)
