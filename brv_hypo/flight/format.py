@@ -186,8 +186,11 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
 
 
 # All that is read of a record; the rest of the file is never opened.
-READ = {"": tuple(CHANNEL_DIMENSIONS), "vehicle": tuple(VEHICLE_DIMENSIONS)}
-READ |= {"instruments": tuple(INSTRUMENT_DIMENSIONS)}
+READ = {
+    "": tuple(CHANNEL_DIMENSIONS),
+    "vehicle": tuple(VEHICLE_DIMENSIONS),
+    "instruments": tuple(INSTRUMENT_DIMENSIONS),
+}
 NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 

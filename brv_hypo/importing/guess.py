@@ -290,9 +290,7 @@ def _written(table: ForeignTable) -> Guess:
     no_position = "accelerometer_position: unknown while zeros; if so, state its size as instruments/accel_position"
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", no_position]
     unsure = [f"{name}: {doubt}" for name, entry in {**channels, **vehicle}.items() for doubt in entry.unsure]
-    unsure.append(
-        "instruments: industrial is assumed, by which pressure, wind and inertia are known too: it sets all errors"
-    )
+    unsure.append("instruments: industrial is assumed, for pressure, wind and inertia too: it sets all errors")
     time = table.in_si("time")
     rate = 1.0 / float(np.median(np.diff(time)))
 

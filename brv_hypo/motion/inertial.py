@@ -37,8 +37,12 @@ GRAVITY_KNOWN = 0.02  # 1-sigma of its size: it is taken as constant over the re
 HEIGHTS = 9  # parts of the record, of whose mean altitudes each has an error of its own
 HEIGHT_READ, HEIGHT_KNOWN = 30.0, 0.05  # m; and of a height that is lost, by air that is no standard air: 1-sigma
 # Surface gravity m/s^2 and mean radius m.
-_PLANETS = {"earth": (9.80665, 6.371e6), "mars": (3.721, 3.3895e6)}
-_PLANETS |= {"venus": (8.87, 6.0518e6), "titan": (1.352, 2.5747e6)}
+_PLANETS = {
+    "earth": (9.80665, 6.371e6),
+    "mars": (3.721, 3.3895e6),
+    "venus": (8.87, 6.0518e6),
+    "titan": (1.352, 2.5747e6),
+}
 
 
 @dataclass(frozen=True)

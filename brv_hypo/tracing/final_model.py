@@ -11,14 +11,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.comparison.diagnostics import (
-    STABLE_SIGMAS,
-    caveats_of,
-    collinear,
-    motions_beside,
-    record_errors,
-    whitened,
-)
+from brv_hypo.comparison import diagnostics
 from brv_hypo.comparison.intervals import Excess, estimate
 from brv_hypo.comparison.result import RecordError, TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, motion_summary, of_flight
@@ -83,14 +76,15 @@ def gathered(
     samples, rows = data.frame.samples(number)[kept], rows[kept]
     pairs = zip(flights, slopes, strict=True)
     alone = [data.source.read(k, Model(), {})[1] for k in range(len(flights))]
-    motions, moved = motions_beside(data.frame.reconstructions, alone)
+    motions, moved = diagnostics.motions_beside(data.frame.reconstructions, alone)
     in_record = _record_terms(whole)
     added = [  # beyond their tolerances
         RecordError(name=f"{t.mechanism} {t.name}", tolerance=a.size, **t.model_dump(include=OF_AN_ERROR))
         for a, t in zip(whole.model.applied, in_record, strict=True)
         if a.effect.carried
     ]
-    known = sorted((*added, *record_errors(beside, weight)), key=lambda each: -each.sigmas)
+    known = sorted((*added, *diagnostics.record_errors(beside, weight)), key=lambda each: -each.sigmas)
+    caveats = [each for flight, own in pairs for each in diagnostics.caveats_of(flight, own)]
     beyond = [f"{each.mechanism} is beyond what is possible: {each.words}" for each in [impossible] if each is not None]
     return Trace(
         flight=flight_summary(flights[0]),
@@ -103,14 +97,14 @@ def gathered(
         model=ModelSummary(terms=(*terms, *in_record), definition=_definition(fit, whole, covariance, of_processes)),
         reconstruction=motion_summary(motions, moved),
         record_errors=tuple(known),
-        **collinear(terms, covariance),
+        **diagnostics.collinear(terms, covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
         dynamic_stability=damping_in_words(damped),
         stopped=stopped,
         unexplained=None if final.white else f"The residual has {final.words}.",
-        caveats=(*beyond, *dict.fromkeys(each for flight, own in pairs for each in caveats_of(flight, own))),
+        caveats=(*beyond, *dict.fromkeys(caveats)),
         noise=fit.left.mean_square_of_noise(data.reported.rows),
         final_residual=final,
         discovered=_described(fit.model, columns, values) or discovery,
@@ -119,7 +113,7 @@ def gathered(
             before=pair(before.body[rows]),
             after=pair(fit.left.body[rows]),
             sigma=tuple(fit.left.noise[rows].tolist()),
-            whitened=whitened(beside, number),
+            whitened=diagnostics.whitened(beside, number),
             **motion_histories(motions[number], samples),
         ),
     )
@@ -145,7 +139,7 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
     """Where a moment is unstable or, with `doubt`, not surely stable: at zero alpha, or as flown where none is near."""
-    margin, sentences = STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, []
+    margin, sentences = diagnostics.STABLE_SIGMAS if doubt else -UNSTABLE_SIGMAS, []
     for one in slopes:
         of = f"{moment} of flight {one.flight + 1}" if len(slopes) > 1 else moment
         beyond, flown = np.array(one.extrapolated), np.array([one.at_flown, one.at_flown_std_error])
