@@ -178,7 +178,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
-    null, weight, listed = beside.baseline, beside.weight, list[rules.Candidate]()
+    null, weight, listed = beside.baseline, beside.weight, list[rules.Contender]()
     for fit, own in beside.pairs:
         fewer = [each for each in beside.fits if len(each.mechanisms) < len(fit.mechanisms)]
         if fit.mechanisms and (
@@ -189,9 +189,9 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         excess, gain = out_of_bounds(fit), weight * (own.level - null.level)
         possible = excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0)
         impossible = None if possible or excess is None else excess.words
-        listed.append(rules.Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
+        listed.append(rules.Contender(fit.name, -0.5 * fit.information, weight * own.held_out, impossible))
     instead = [
-        rules.Candidate(pair.fit.name, judgement.weighed(pair, null, per), per * pair.evidence.held_out, words=words)
+        rules.Contender(pair.fit.name, judgement.weighed(pair, null, per), per * pair.evidence.held_out, words=words)
         for words, pair in judgement.outside(beside, hypotheses)
         for per in (beside.weight_of(pair),)
     ]
@@ -204,7 +204,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     of_leader = [each for each in found if each.mechanism == leader.name]
     more = share.share > share.processes and share.interval_95[0] > 0.0
     more |= any(each.share_of_moment > max(of_processes, NORMAL_95 * each.share_std_error) for each in of_leader)
-    how = rules.Fit(beside.misfit, beside.rows.size, squares, more, beside.regions)
+    how = rules.Misfit(beside.misfit, beside.rows.size, squares, more, beside.regions)
     verdict = rules.judge(listed, instead, how, share, processes, other_prior)
     if verdict.outcome == "none adequate":
         found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)

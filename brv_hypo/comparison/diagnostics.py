@@ -35,7 +35,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import Nonlinear, shift_sigma
 from brv_hypo.inference.search import on_grid
 from brv_hypo.io.text import times
-from brv_hypo.linearisation.channels import Histories
+from brv_hypo.linearisation.channels import Channels
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import processes_by_name
@@ -325,7 +325,7 @@ class _AsJudged(NamedTuple):
     i C_n (frame rows,), that, what its mechanisms make, without and with processes, and the first without processes.
     """
 
-    rest: Histories
+    rest: Channels
     residual: ComplexArray
     mechanisms: ComplexArray
     with_processes: ComplexArray

@@ -35,7 +35,7 @@ ALONE = "Joined flights share coefficients and the Mach numbers of changes: comp
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Contender:
     """A hypothesis, or something outside the list, as the verdict knows it."""
 
     name: str
@@ -46,7 +46,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Misfit:
     """How the leader fits: `noise`, the rms residual over the noise measured in the record, of so many `rows`; squares
     that it `explains` of the residual of the baseline, and whether it surely has more of that, or of the moment, than
     processes.
@@ -89,7 +89,7 @@ def probabilities(
 class Decision(NamedTuple):
     """What the rules make of evidences: who leads, how probable all are, whether it is adequate and predicts better."""
 
-    leader: Candidate
+    leader: Contender
     chances: Mapping[str, float]
     adequate: bool
     predicts: bool
@@ -98,9 +98,9 @@ class Decision(NamedTuple):
 
 
 def judge(
-    listed: Sequence[Candidate],
-    outside: Sequence[Candidate],
-    fit: Fit,
+    listed: Sequence[Contender],
+    outside: Sequence[Contender],
+    fit: Misfit,
     explained: Explained | None = None,
     processes: Sequence[ProcessEstimate] = (),
     other_prior: float = OTHER_PRIOR,
@@ -138,7 +138,7 @@ def judge(
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    reason = _undecided(verdict, outside) if decision.predicts else _unpredicted(verdict, leader, null, fit, outside)
+    reason = _undecided(verdict, outside) if decision.predicts else _not_named(verdict, leader, null, fit, outside)
     if confirmed < whole.chances[leader.name]:
         reason += (
             f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
@@ -148,9 +148,9 @@ def judge(
 
 
 def decide(
-    listed: Sequence[Candidate],
-    outside: Sequence[Candidate],
-    fit: Fit,
+    listed: Sequence[Contender],
+    outside: Sequence[Contender],
+    fit: Misfit,
     other_prior: float = OTHER_PRIOR,
     confirmed: float = 1.0,
     elsewhere: float = 1.0,
@@ -185,7 +185,7 @@ def _discounted(chances: Mapping[str, float], leader: str, confirmed: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
+def _inadequate(leader: Contender, fit: Misfit, chances: Mapping[str, float], outside: Sequence[Contender]) -> str:
     name, fits = hypothesis(leader.name), "fits best"
     if leader.impossible is not None:
         but = f"with {leader.impossible}"
@@ -200,7 +200,7 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
     return f"None of the hypotheses is adequate: {name} {fits}, but {but}. `brv-hypo trace` looks for what it is."
 
 
-def _named(verdict: Verdict, leader: Candidate) -> str:
+def _named(verdict: Verdict, leader: Contender) -> str:
     chance = _share(verdict.probability[leader.name])
     if leader.name == NONE:
         needed = f"is needed: baseline and processes explain the moments (probability {chance})."
@@ -312,7 +312,7 @@ def without_power(verdict: Verdict) -> Verdict:
     return _described(verdict, None, said)
 
 
-def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit, outside: Sequence[Candidate]) -> str:
+def _not_named(verdict: Verdict, leader: Contender, null: Contender, fit: Misfit, outside: Sequence[Contender]) -> str:
     found, lacks = verdict.explained, list[str]()
     if fit.explains <= 0.0 or (found is not None and found.interval_95[0] <= 0.0):
         lacks.append("explains nothing significant of what the baseline does not")
@@ -329,7 +329,7 @@ def _unpredicted(verdict: Verdict, leader: Candidate, null: Candidate, fit: Fit,
     return said if other < chance else f"{said} Likelier ({_share(other)}) is {_something_else(outside).rstrip(',')}."
 
 
-def _undecided(verdict: Verdict, outside: Sequence[Candidate]) -> str:
+def _undecided(verdict: Verdict, outside: Sequence[Contender]) -> str:
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     other = _something_else(outside)
     shares = ", ".join(
@@ -338,7 +338,7 @@ def _undecided(verdict: Verdict, outside: Sequence[Candidate]) -> str:
     return f"The data do not distinguish these: {shares}."
 
 
-def _something_else(outside: Sequence[Candidate]) -> str:
+def _something_else(outside: Sequence[Contender]) -> str:
     """What is not on the list, by its likeliest."""
     best = max(outside, key=lambda candidate: candidate.level, default=None)
     return "something else" if best is None else f"something else, such as {best.words},"

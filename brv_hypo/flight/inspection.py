@@ -90,7 +90,7 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseEstimate:
     """White noise of a channel."""
 
     sigma: float  # its standard deviation, in the units of the values
@@ -110,7 +110,7 @@ class ChannelQuality:
     spikes: int  # samples of isolated spikes
     minimum: float  # SI; NaN where nothing is known, as the maximum
     maximum: float
-    noise: Noise  # SI
+    noise: NoiseEstimate  # SI
 
 
 @dataclass(frozen=True)
@@ -178,11 +178,11 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
     )
 
 
-def white_noise(values: FloatArray) -> Noise:
+def white_noise(values: FloatArray) -> NoiseEstimate:
     """White-noise sigma of `values` (n,), NaN where missing, no spikes; trusted by the longest run's periodogram."""
     sigma = sigma_of_differences([values])
     if np.isnan(sigma):
-        return Noise(sigma, trusted=False)
+        return NoiseEstimate(sigma, trusted=False)
     start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
     longest, levels = values[start:stop], np.zeros(4)  # that each quarter of the upper half of the band would have
     if longest.size >= INSPECTED_FEWEST_SAMPLES:
@@ -191,7 +191,7 @@ def white_noise(values: FloatArray) -> Noise:
         levels = np.sqrt([float(np.mean(each)) for each in np.array_split(power[power.size // 2 : -1], 4)])
     level = float(np.median(levels))
     agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
-    return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
+    return NoiseEstimate(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
 
 
 FILTERED = (

@@ -138,7 +138,7 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 
 
 @dataclass(frozen=True)
-class MomentModel:
+class MomentColumns:
     """What the columns of a structure are at any motion; `uses_rates`: whether rates of its angles change them."""
 
     structure: parameters.Structure
@@ -200,7 +200,7 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 class VehicleModel:
     """The functions that `likelihood.fit` takes."""
 
-    moments: MomentModel
+    moments: MomentColumns
     contexts: Sequence[Context]  # by the input "segment"
     span: tuple[float, float]  # s, that scales the drift of the normal-force slope
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)

@@ -15,7 +15,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.equations import FORCE_BEND, FORCE_DRIFT, FORCES, MomentModel, VehicleModel, rates_used
+from brv_hypo.identification.equations import FORCE_BEND, FORCE_DRIFT, FORCES, MomentColumns, VehicleModel, rates_used
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
 from brv_hypo.identification.parameters import Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.fit import Regressed
@@ -53,7 +53,7 @@ _HELD = "as the search stalled, fixed at the last value and without a standard e
 
 
 @dataclass(frozen=True)
-class Problem:
+class IdentificationProblem:
     """What is estimated from what."""
 
     frame: RateFrame  # the reconstructed flights, as regressed
@@ -79,12 +79,12 @@ class Problem:
         """The flights that have a segment."""
         return tuple(dict.fromkeys(record.context.flight for record in self.records))
 
-    def warm(self, found: FitResult) -> Problem:
+    def warm(self, found: FitResult) -> IdentificationProblem:
         """The problem started from a solution."""
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_variance)
 
-    def refreshed(self, found: FitResult) -> Problem:
+    def refreshed(self, found: FitResult) -> IdentificationProblem:
         """The problem started from a solution, with nodes and block means laid out by the motion that it has. Blocks
         may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
@@ -159,7 +159,7 @@ def build_problem(
     values: FloatArray,
     regressed: Regressed | None = None,
     max_iterations: int = IDENTIFIED_STEPS,
-) -> Problem:
+) -> IdentificationProblem:
     """The problem of a regression model, `regressed` as in `identify`; UnanswerableError without a long segment."""
     block = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
@@ -174,7 +174,7 @@ def build_problem(
     span = (float(frame.coefficient_time.min()), float(frame.coefficient_time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, delays)
     model = VehicleModel(
-        MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
+        MomentColumns(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
         span,
     )
@@ -199,7 +199,7 @@ def build_problem(
         applied[name], found = (0.0, 0.0) if regressed is None else value.known(regressed, flight)
         theta[name] = found - applied[name]
         priors[name] = (-applied[name], 1.0)
-    return Problem(
+    return IdentificationProblem(
         frame=frame,
         inputs=inputs,
         records=records,
@@ -254,7 +254,7 @@ class Identification:
     innovations: tuple[FloatArray, ...] = ()  # (4, samples) each: measured less predicted q, r, ay, az, SI
     whiteness: tuple[Whiteness, ...] = ()  # test of each output's innovations, in their order
     seconds: float = 0.0  # wall clock
-    problem: Problem | None = None  # what was solved; None where it could not be begun
+    problem: IdentificationProblem | None = None  # what was solved; None where it could not be begun
 
 
 # ---- The fit ----
@@ -295,11 +295,11 @@ def identify(
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int]:
+def _search(problem: IdentificationProblem, begin_anew: bool) -> tuple[IdentificationProblem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     searches: list[FitResult] = []
 
-    def solve(problem: Problem, **how: Any) -> FitResult:
+    def solve(problem: IdentificationProblem, **how: Any) -> FitResult:
         searches.append(problem.solve(**how))
         return searches[-1]
 
@@ -331,7 +331,7 @@ def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int
     return problem.warm(found), found, sum(search.iterations for search in searches)
 
 
-def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
+def _loose_knots(problem: IdentificationProblem, found: FitResult) -> tuple[str, ...]:
     """Knots that kept a search from its end: those that the data do not determine, else all of them."""
     if found.status != "stalled":
         return ()
@@ -339,7 +339,7 @@ def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
     return tuple(name for name in knots if not found.std_error[name] < problem.seconds_to_node) or knots
 
 
-def _stale(old: Problem, new: Problem, found: FitResult, fixed: Sequence[str]) -> bool:
+def _stale(old: IdentificationProblem, new: IdentificationProblem, found: FitResult, fixed: Sequence[str]) -> bool:
     """Whether nodes, or any estimate by one more step with the new block means, have changed by more than a trifle."""
     error = found.std_error  # fixed ones have none
     moved = any(
@@ -356,7 +356,7 @@ def _stale(old: Problem, new: Problem, found: FitResult, fixed: Sequence[str]) -
     )
 
 
-def _summary(problem: Problem, found: FitResult) -> Identification:
+def _summary(problem: IdentificationProblem, found: FitResult) -> Identification:
     structure, theta = problem.structure, found.theta
     white = all(test.white for test in found.whiteness)
 

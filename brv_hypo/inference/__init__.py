@@ -10,6 +10,6 @@ held_out.py    prediction error on held-out blocks
 """
 
 from brv_hypo.inference.evidence import Evidence, maximised
-from brv_hypo.inference.rows import Group, Rows, rows_of
+from brv_hypo.inference.rows import ProcessGroup, Rows, rows_of
 
-__all__ = ["Evidence", "Group", "Rows", "maximised", "rows_of"]
+__all__ = ["Evidence", "ProcessGroup", "Rows", "maximised", "rows_of"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.bordered import Bordered, joined
-from brv_hypo.linearisation.channels import Histories, Noise, Part, Whitening, effective_samples, side_by_side
+from brv_hypo.linearisation.channels import Channels, Noise, Part, Whitening, effective_samples, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import lengths, orthonormal
 from brv_hypo.linearisation.nuisance import AT_ONCE, Nuisances
@@ -69,7 +69,7 @@ class FlightRows:
         """Its rows among all."""
         return np.concatenate([np.arange(each.start, each.stop) for each in self.channels])
 
-    def white(self, histories: Histories) -> FloatArray:
+    def white(self, histories: Channels) -> FloatArray:
         """Histories in both channels (rows of the flight, columns) at unit noise."""
         if not self.size:
             return np.zeros((0, histories.rates.shape[1]))
@@ -142,7 +142,7 @@ class WhitenedRows:
                 out[rows] = part
         return out
 
-    def white_histories(self, histories: Histories) -> FloatArray:
+    def white_histories(self, histories: Channels) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
         out = np.empty((2 * self.rates, histories.rates.shape[1]))
         for own in self.of_flights:
@@ -152,7 +152,7 @@ class WhitenedRows:
 
     def of_observed(self, rates: ComplexArray, force: ComplexArray) -> FloatArray:
         """What was observed (frame rows,) as rows, with the present values of what has a prior."""
-        histories = self.white_histories(Histories(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
+        histories = self.white_histories(Channels(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
         present = np.array([item.present for item in self.nuisances.items])
         for own, walks in zip(self.of_flights, self.nuisances.flights, strict=True):
             if own.own_noise.size:
@@ -269,7 +269,7 @@ class Problem:
     exact_terms: int
     refine: bool = True
     efficiency: float = 1.0
-    given: Mapping[str, Histories] = field(default_factory=dict)
+    given: Mapping[str, Channels] = field(default_factory=dict)
 
     def projected_baseline(self, frame: RateFrame) -> ProjectedBaseline:
         """The baseline as this frame sees it: most frames differ in other columns, and see the same."""
@@ -376,7 +376,7 @@ class Problem:
         residual = self.raw_response - self.raw_design(frame, columns) @ values
         return self.rows.solved(residual)[2 * len(self.rows.part.levels) :]
 
-    def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Histories:
+    def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Channels:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,). Several
         fits at once have a column each: values (columns, fits), histories (frame rows, fits).
         """
@@ -389,7 +389,7 @@ class Problem:
         if given:
             more = side_by_side([self.given[columns[j].term] for j in given])
             rates, force = rates - more.rates @ values[given], force - more.force @ values[given]
-        return Histories(rates, force)
+        return Channels(rates, force)
 
     def efficiency_of(self, residual: FloatArray) -> float:
         """Effective over actual number of samples of a whitened residual (rows,), rows of priors left out."""

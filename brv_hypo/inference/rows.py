@@ -42,7 +42,7 @@ _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its wi
 
 
 @dataclass(frozen=True)
-class Group:
+class ProcessGroup:
     """Columns of Z that share an amplitude."""
 
     name: str
@@ -229,7 +229,7 @@ class Rows:
     spread: FloatArray  # prior 1-sigma of the columns of U: infinite of the baseline
     coefficients: FloatArray  # what makes the baseline's coefficients of those of U (baseline columns, its rank)
     blocks: tuple[Block, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[ProcessGroup, ...]
     modelled: ComplexArray  # moment coefficients (frame rows,) at the linearisation point
     static: float  # what that moment makes of the rows before whitening, as a length
     counted: BoolArray
@@ -422,8 +422,8 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
         block = Block(rows, raw, columns, raw, own, *errors)
         blocks.append(replace(block, z=block.whitened(counted * raw)))
     groups = (
-        *(Group(each.name, each.family, each.units, False, each.size, RECORD_AMPLITUDE) for each in drifts),
-        *(Group(each.name, each.family, "1", True, moment, MOMENT_AMPLITUDE) for each in moments),
+        *(ProcessGroup(each.name, each.family, each.units, False, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(ProcessGroup(each.name, each.family, "1", True, moment, MOMENT_AMPLITUDE) for each in moments),
     )
     fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
     length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))

@@ -235,7 +235,7 @@ def _size(row: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Model:
+class System:
     """The user's functions and how they are differentiated."""
 
     dynamics: Function  # f(x, u, theta, t[, delayed]) -> (n_states, n)
@@ -261,7 +261,7 @@ class Linearisation:
     output_by_parameter: FloatArray  # (n, n_outputs, p)
 
 
-def evaluate_segment(model: Model, grid: Grid, x: FloatArray, theta: Values) -> tuple[FloatArray, FloatArray]:
+def evaluate_segment(model: System, grid: Grid, x: FloatArray, theta: Values) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
     there = _There(model, grid, x, theta)
     f, f_end = there.slopes
@@ -269,7 +269,7 @@ def evaluate_segment(model: Model, grid: Grid, x: FloatArray, theta: Values) -> 
     return there.defect(f, f_mid, f_end), evaluate(model.outputs, there.at_samples, theta).T
 
 
-def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, names: tuple[str, ...]) -> Linearisation:
+def linearise_segment(model: System, grid: Grid, x: FloatArray, theta: Values, names: tuple[str, ...]) -> Linearisation:
     """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
     there = _There(model, grid, x, theta)
     jumped = x[:, 1:] if grid.jumps else x[:, :0]
@@ -308,7 +308,7 @@ def linearise_segment(model: Model, grid: Grid, x: FloatArray, theta: Values, na
 
 @dataclass(frozen=True)
 class _There:
-    model: Model  # the functions
+    model: System  # the functions
     grid: Grid  # the segment
     x: FloatArray  # its states, (n_states, n)
     theta: Values  # parameters by name
@@ -354,7 +354,7 @@ class _There:
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 
 
-def start_points(model: Model, grid: Grid, theta: Values) -> Points:
+def start_points(model: System, grid: Grid, theta: Values) -> Points:
     """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
     return _There(model, grid, x, theta).at_samples

@@ -32,7 +32,7 @@ from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, lin
 from brv_hypo.likelihood.elimination import Segments, log_determinant
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
-    Problem,
+    Setup,
     SingularStatesError,
     information_factor,
     linearised,
@@ -60,12 +60,12 @@ _LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
 _POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
-def determinant(problem: Problem, iterate: Iterate) -> float:
+def determinant(problem: Setup, iterate: Iterate) -> float:
     """What integrating the states out adds to the objective."""
     return float(_determinants(problem, iterate, [(problem.process_noise, iterate.variance)])[0])
 
 
-def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> FloatArray:
+def _determinants(problem: Setup, iterate: Iterate, variances: Variances) -> FloatArray:
     """It with several variances, (k,)."""
     total = np.zeros(len(variances))
     theta = problem.parameters.as_mapping(iterate.theta)
@@ -80,7 +80,7 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
-def determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
+def determinant_gradients(problem: Setup, iterate: Iterate, segments: Segments, variances: Variances) -> FloatArray:
     """Derivatives of the determinants with several variances by theta, the states following, (k, p)."""
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
@@ -105,7 +105,7 @@ def determinant_gradients(problem: Problem, iterate: Iterate, segments: Segments
     return gradients
 
 
-def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
+def disturbance_cost(problem: Setup, iterate: Iterate) -> float:
     """Half the weighted sum of squares of the process noise."""
     total = np.zeros_like(problem.process_noise)
     driven = problem.process_noise > 0
@@ -116,7 +116,7 @@ def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
     return 0.5 * float(np.sum(total))
 
 
-def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
+def kalman_innovations(problem: Setup, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
     """Innovations (n_outputs, n) of the Kalman filter about smoothed states, nan in gaps; NLLF (Eq. 3.10, E8)."""
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
 
@@ -202,14 +202,14 @@ class Score:
         return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
 
 
-def directions_of(problem: Problem, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
+def directions_of(problem: Setup, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
     """The variances to be estimated."""
     driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
     return Directions(tuple(driven), tuple(range(problem.grids[0].y.shape[0])) if estimate_noise else ())
 
 
 def scored(
-    problem: Problem, iterate: Iterate, directions: Directions, enough: float, linear: Sequence[Linearisation]
+    problem: Setup, iterate: Iterate, directions: Directions, enough: float, linear: Sequence[Linearisation]
 ) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
     Where they led, and the lengths of the steps in standard errors, 0 for none. Raises SingularStatesError where the
@@ -239,7 +239,7 @@ def scored(
 class Solved:
     """The functions linear, with the states best for the variances; SingularStatesError where these do not exist."""
 
-    problem: Problem  # with the process noise
+    problem: Setup  # with the process noise
     iterate: Iterate  # with the measurement noise, the states where they are linear about
     directions: Directions  # what is estimated
     linear: Sequence[Linearisation]  # the linearisation
@@ -340,7 +340,7 @@ def with_unknown_variances(here: Solved, score: Score, segments: Segments, covar
 
 
 def noise_errors(
-    problem: Problem, iterate: Iterate, directions: Directions, segments: Segments, covariance: FloatArray
+    problem: Setup, iterate: Iterate, directions: Directions, segments: Segments, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
     """Standard errors of the noises' standard deviations, from the expected Hessian, and covariance of theta (p, p).
 
@@ -367,7 +367,7 @@ def noise_errors(
     return process, measurement, covariance, _remarks(problem, directions, score.vanished)
 
 
-def _remarks(problem: Problem, directions: Directions, gone: BoolArray) -> tuple[str, ...]:
+def _remarks(problem: Setup, directions: Directions, gone: BoolArray) -> tuple[str, ...]:
     """What went to 0, by state and output; outputs that were never measured have no noise that could."""
     measured = np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
     lost = gone[len(directions.driven) :]

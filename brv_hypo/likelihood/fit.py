@@ -10,8 +10,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import starts
-from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose_method, parameter_scales, start_points
-from brv_hypo.likelihood.gauss_newton import Iterate, Problem
+from brv_hypo.likelihood.collocation import Function, System, check_shape, choose_method, parameter_scales, start_points
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters
@@ -182,7 +182,7 @@ class _Task:
         parameters = build_parameters(self.theta0, limits, self.priors)
         model = self._model(grids, parameters)
         histories = starts.states_from_outputs(model, grids, parameters, parameters.start)
-        problem = Problem(
+        problem = Setup(
             model=model,
             grids=grids,
             parameters=parameters,
@@ -219,13 +219,13 @@ class _Task:
             )
         return driving
 
-    def _model(self, grids: Sequence[Grid], parameters: Parameters) -> Model:
+    def _model(self, grids: Sequence[Grid], parameters: Parameters) -> System:
         """The functions, checked at the start values, with their way of differentiation."""
         theta = parameters.as_mapping(parameters.start)
         unknown = sorted(set(self.delays) - set(theta))
         if unknown:
             raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
-        model, functions = Model(self.dynamics, self.outputs, self.delays), (self.dynamics, self.outputs)
+        model, functions = System(self.dynamics, self.outputs, self.delays), (self.dynamics, self.outputs)
         starts = [start_points(model, grid, theta) for grid in grids]
         for grid, points in zip(grids, starts, strict=True):
             check_shape(self.dynamics, points, theta, grid.start.shape[0], "dynamics")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.collocation import Linearisation, System, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import Quadratic, Segments, block_rows, eliminate, upper_triangle
 from brv_hypo.likelihood.segment import Grid, Parameters
 from brv_hypo.likelihood.statistics import whitening
@@ -34,10 +34,10 @@ _SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 
 
 @dataclass(frozen=True)
-class Problem:
+class Setup:
     """All that stays the same during a fit."""
 
-    model: Model  # the user's functions
+    model: System  # the user's functions
     grids: tuple[Grid, ...]  # the segments
     parameters: Parameters  # the free parameters
     size: FloatArray  # magnitude of each state, (n_states,)
@@ -55,7 +55,7 @@ class Iterate:
 
 
 @dataclass(frozen=True)
-class Step:
+class NewtonStep:
     """A Gauss-Newton step, and what it promises."""
 
     theta: FloatArray  # change of the parameters, (p,)
@@ -77,7 +77,7 @@ class SingularStatesError(ArithmeticError):
         self.stiff = stiff
 
 
-def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
+def linearised(problem: Setup, iterate: Iterate) -> tuple[Linearisation, ...]:
     """Every segment about the iterate."""
     theta, names = problem.parameters.as_mapping(iterate.theta), problem.parameters.names
     segments = zip(problem.grids, iterate.x, strict=True)
@@ -85,7 +85,7 @@ def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
 
 
 def sensitivities(
-    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
+    problem: Setup, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> Segments:
     """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
     `anchored` ties a free initial state loosely to its value, for a start at which no output observes it yet. Raises
@@ -117,8 +117,8 @@ def information_factor(segments: Segments, p: int) -> FloatArray:
 
 
 def gauss_newton_step(
-    problem: Problem, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
-) -> Step:
+    problem: Setup, iterate: Iterate, segments: Segments, gradient: FloatArray | None = None, frozen: bool = False
+) -> NewtonStep:
     """The linearised problem's least step within bounds; `gradient` (p,): of a further term; `frozen`: theta stays."""
     parameters = problem.parameters
     p = len(parameters.names)
@@ -139,7 +139,7 @@ def gauss_newton_step(
         multiplier = max(multiplier, float(np.abs(segment.multiplier @ weights).max()))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     cost, violation = objective(problem, iterate)
-    return Step(
+    return NewtonStep(
         theta=change,
         x=tuple(x),
         triangle=data[:p, :p],
@@ -151,7 +151,7 @@ def gauss_newton_step(
     )
 
 
-def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
+def objective(problem: Setup, iterate: Iterate) -> tuple[float, float]:
     """Half the sum of squares of outputs, process noise and priors; violation of the constraints, L1 norm, scaled."""
     total, violation = 0.0, 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
@@ -169,13 +169,13 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     return total + 0.5 * float(np.sum(deviation**2)), violation
 
 
-def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> Iterate:
+def moved(problem: Setup, iterate: Iterate, step: NewtonStep, fraction: float) -> Iterate:
     """The iterate a fraction of the step further, inside the bounds."""
     theta = np.clip(iterate.theta + fraction * step.theta, problem.parameters.lower, problem.parameters.upper)
     return replace(iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True)))
 
 
-def quadratic_of(problem: Problem, grid: Grid, x: FloatArray, linear: Linearisation, variance: FloatArray) -> Quadratic:
+def quadratic_of(problem: Setup, grid: Grid, x: FloatArray, linear: Linearisation, variance: FloatArray) -> Quadratic:
     """One segment's linearisation with outputs whitened, by their `variance`, and states divided by their size. Delays
     meet process noise on the way to a start only, whose states are near: what they see is fixed then.
     """
@@ -214,18 +214,18 @@ def _whitened(weight: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
     return weight * np.where(grid.measured.T, output - grid.y.T, 0.0)
 
 
-def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
+def start_defect(problem: Setup, grid: Grid, x: FloatArray) -> FloatArray:
     """Initial state less its guess, in its size, (1, n_states)."""
     return ((x[:, 0] - grid.first) / problem.size)[None]
 
 
-def _variance(problem: Problem, grid: Grid) -> FloatArray:
+def _variance(problem: Setup, grid: Grid) -> FloatArray:
     """Diagonal of Q in scaled states, (n, n_states); row 0 is the initial state's."""
     noise = problem.process_noise**2 * grid.step[:, None]
     return np.concatenate([grid.start_std[None] ** 2, noise]) / problem.size**2
 
 
-def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:
+def _bounded_least_squares(system: FloatArray, problem: Setup, theta: FloatArray) -> FloatArray:
     """Minimise |A d + b|, [A b] = `system`, within the bounds and the reach of a step; near-null directions rest."""
     from scipy.linalg import lstsq  # here, for a cheap import of the package
 
@@ -252,7 +252,7 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
 
 
 def line_search(
-    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] = lambda _: 0.0
+    problem: Setup, iterate: Iterate, step: NewtonStep, penalty: float, term: Callable[[Iterate], float] = lambda _: 0.0
 ) -> tuple[Iterate, float]:
     """Halve the step until the merit (objective, penalty times violation, `term`) falls enough; fraction 0 if never."""
     merit = step.cost + penalty * step.violation + term(iterate)
@@ -282,10 +282,10 @@ _INDEPENDENT = 1e-8  # singular value, against the largest, of differences of st
 class Extrapolation:
     """Remembers iterates and their steps; none where process noise has variances of its own to converge."""
 
-    problem: Problem
-    _past: list[tuple[Iterate, Step]] = field(default_factory=list)
+    problem: Setup
+    _past: list[tuple[Iterate, NewtonStep]] = field(default_factory=list)
 
-    def improved(self, iterate: Iterate, step: Step) -> Step:
+    def improved(self, iterate: Iterate, step: NewtonStep) -> NewtonStep:
         """The step as it is, or the one that the last steps together promise to leave the least of."""
         before = self._past[-1][1].length if self._past else np.inf
         far = bool(np.any(self.problem.process_noise)) or step.length > _NEAR

@@ -19,8 +19,8 @@ from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.collocation import Method, Points, Values, evaluate
 from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
-from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup, SingularStatesError, information_factor, sensitivities
+from brv_hypo.likelihood.search import Iteration, Options, SearchOutcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
@@ -146,7 +146,7 @@ def _with_error(value: float, error: float) -> str:
     return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
 
 
-def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
+def assess(outcome: SearchOutcome, options: Options, steps: int) -> FitResult:
     """The result of a search with so many steps between samples; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
@@ -209,7 +209,7 @@ def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
 
 
 def _covariances(
-    problem: Problem, rows: Sequence[Whitened], triangle: FloatArray, samples: int, free: IntArray, options: Options
+    problem: Setup, rows: Sequence[Whitened], triangle: FloatArray, samples: int, free: IntArray, options: Options
 ) -> tuple[FloatArray, FloatArray]:
     """Covariances (p, p) for white and for coloured residuals, degrees of freedom counted; nan where unknown."""
     parameters = problem.parameters
@@ -274,7 +274,7 @@ _PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ n
 """Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
 
 
-def mesh_shift(problem: Problem, iterate: Iterate, segments: Segments, covariance: FloatArray) -> FloatArray:
+def mesh_shift(problem: Setup, iterate: Iterate, segments: Segments, covariance: FloatArray) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
     `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
     segments of at most _MOST_JUDGED samples.
@@ -295,7 +295,7 @@ def mesh_shift(problem: Problem, iterate: Iterate, segments: Segments, covarianc
     return shift
 
 
-def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Values) -> FloatArray:
+def interval_errors(problem: Setup, grid: Grid, x: FloatArray, theta: Values) -> FloatArray:
     """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
     h, low, high = grid.step, x[:, :-1], x[:, 1:]
     corner = _slopes(problem, grid, {0.0: low, 1.0: high}, theta)
@@ -316,7 +316,7 @@ def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Values) 
     return np.asarray(h * (boole - simpson))
 
 
-def _slopes(problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Values) -> dict[float, FloatArray]:
+def _slopes(problem: Setup, grid: Grid, states: Mapping[float, FloatArray], theta: Values) -> dict[float, FloatArray]:
     """The dynamics at states (n_states, n - 1) at fractions of every interval."""
     found = {}
     for s, x in states.items():

@@ -19,7 +19,7 @@ from brv_hypo.likelihood.filter_error import determinant, determinant_gradients,
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
-    Problem,
+    Setup,
     SingularStatesError,
     gauss_newton_step,
     line_search,
@@ -136,10 +136,10 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SearchOutcome:
     """Where the search ended and how."""
 
-    problem: Problem  # the problem, with the process noise as estimated
+    problem: Setup  # the problem, with the process noise as estimated
     iterate: Iterate  # where the search ended
     status: Status  # how it ended
     message: str  # the same in words, with cause and remedy
@@ -147,7 +147,7 @@ class Outcome:
     segments: Segments = ()  # the sensitivities of the last step, where it was negligible and they still hold
 
 
-def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
+def search(problem: Setup, iterate: Iterate, options: Options) -> SearchOutcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     if options.estimate_process_noise:
         problem, iterate = _noise_first(problem, iterate, options)
@@ -160,9 +160,9 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     extrapolation = Extrapolation(problem)
     known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
-    def ended(status: Status, detail: str = "") -> Outcome:
+    def ended(status: Status, detail: str = "") -> SearchOutcome:
         message = f"{detail}: {status.message}" if detail else status.message
-        return Outcome(problem, iterate, status, message, tuple(history))
+        return SearchOutcome(problem, iterate, status, message, tuple(history))
 
     for iteration in range(1, options.max_iterations + 1):
         try:
@@ -212,14 +212,14 @@ def _singular(error: SingularStatesError) -> Status:
     return Status.STIFF if error.stiff else Status.UNDETERMINED
 
 
-def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
+def residuals(problem: Setup, iterate: Iterate) -> tuple[FloatArray, ...]:
     """Measured minus predicted output of each segment, (n_outputs, n); nan in gaps."""
     theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, strict=True)
     return tuple(grid.y - evaluate_segment(problem.model, grid, x, theta)[1].T for grid, x in segments)
 
 
 def _sensitivities(
-    problem: Problem, iterate: Iterate, near: Sequence[Linearisation]
+    problem: Setup, iterate: Iterate, near: Sequence[Linearisation]
 ) -> tuple[Segments, SingularStatesError | None]:
     """The sensitivities by derivatives from `near`, initial states anchored where no output sees them yet; and why."""
     theta, segments = problem.parameters.as_mapping(iterate.theta), zip(problem.grids, iterate.x, near, strict=True)
@@ -231,7 +231,7 @@ def _sensitivities(
         return sensitivities(problem, iterate, linear, anchored=True), error
 
 
-def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
+def _noise_first(problem: Setup, iterate: Iterate, options: Options) -> tuple[Setup, Iterate]:
     """Variances brought near with theta fixed, process noise first: beside too much of it, no other shows."""
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
@@ -251,8 +251,8 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
 
 def _with_noise(
-    problem: Problem, iterate: Iterate, options: Options, length: float
-) -> tuple[Problem, Iterate, Segments, bool]:
+    problem: Setup, iterate: Iterate, options: Options, length: float
+) -> tuple[Setup, Iterate, Segments, bool]:
     """Both with new variances after a step of this length; the sensitivities there, if known; whether converged."""
     if not np.any(problem.process_noise):
         if not options.estimate_noise:

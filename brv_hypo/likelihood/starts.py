@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.collocation import System, linearise_segment
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
-    Problem,
+    Setup,
     SingularStatesError,
     gauss_newton_step,
     line_search,
@@ -49,7 +49,7 @@ _NEAR = 1.0  # shift by the mesh, in standard errors, up to which a fit on a fin
 _LARGEST_RAISE = 8  # factor by which steps are raised at once: far from fine the error does not follow its order
 
 
-def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+def begin(problem: Setup, iterate: Iterate, near: bool) -> tuple[Setup, Iterate]:
     """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them. An
     output that the start values make far too small a function of a state makes that state far too large. Where the
     start fits poorly, 0 is tried too, and taken where it violates the dynamics far less. `near` is that of `fit`.
@@ -71,7 +71,7 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
     return second if there < _FAR_LESS * here else first
 
 
-def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
+def _at_zero(problem: Setup, iterate: Iterate) -> Iterate | None:
     """Parameters at 0 but for delays, or near by bounds, and their states; None where functions are not defined."""
     parameters = problem.parameters
     local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
@@ -85,7 +85,7 @@ def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
 
 
 def states_from_outputs(
-    model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
+    model: System, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
 ) -> tuple[FloatArray, ...]:
     """State histories (n_states, n) at parameters `vector` (p,): given, or the initial state moved to the outputs."""
     histories = []
@@ -108,7 +108,7 @@ def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
     return np.where(size > 0, size, 1.0)
 
 
-def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
+def smooth(problem: Setup, iterate: Iterate, loose: FloatArray) -> Iterate:
     """States moved between outputs and model, theta held, the dynamics loose by the process noise `loose`."""
     loosened = replace(problem, process_noise=loose)
     for _ in range(_SMOOTHING_STEPS):
@@ -117,7 +117,7 @@ def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     return iterate
 
 
-def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+def _prepared(problem: Setup, iterate: Iterate, near: bool) -> tuple[Setup, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
     changes = np.concatenate([np.diff(x, axis=1) for x in iterate.x], axis=1)
     interval = np.median(np.concatenate([g.step for g in problem.grids]))

@@ -214,26 +214,26 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Histories:
+class Channels:
     """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
 
     rates: ComplexArray
     force: ComplexArray
 
-    def __sub__(self, other: Histories) -> Histories:
-        return Histories(self.rates - other.rates, self.force - other.force)
+    def __sub__(self, other: Channels) -> Channels:
+        return Channels(self.rates - other.rates, self.force - other.force)
 
-    def times(self, factor: float) -> Histories:
+    def times(self, factor: float) -> Channels:
         """The history `factor` times as large."""
-        return Histories(factor * self.rates, factor * self.force)
+        return Channels(factor * self.rates, factor * self.force)
 
-    def at(self, samples: IntArray | slice) -> Histories:
+    def at(self, samples: IntArray | slice) -> Channels:
         """The rows of these samples."""
-        return Histories(self.rates[samples], self.force[samples])
+        return Channels(self.rates[samples], self.force[samples])
 
-    def of(self, chosen: IntArray | BoolArray | slice) -> Histories:
+    def of(self, chosen: IntArray | BoolArray | slice) -> Channels:
         """Some of the columns."""
-        return Histories(self.rates[:, chosen], self.force[:, chosen])
+        return Channels(self.rates[:, chosen], self.force[:, chosen])
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class Whitening:
         """The rates (rows, columns), filtered, at unit noise (2 thinned rows, columns); real before imaginary."""
         return _white(self._operators[0], rates)
 
-    def both(self, rows: Histories) -> FloatArray:
+    def both(self, rows: Channels) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force."""
         usable = rows.force * self.part.valid[:, np.newaxis]
         return np.concatenate([self.rates(rows.rates), _white(self._operators[1], usable)])
@@ -320,9 +320,9 @@ def first_values(frame: RateFrame, part: Part, columns: Sequence[Regressor]) -> 
     return solve_scaled(design, whitening.rates(frame.observed[part.rows, np.newaxis])[:, 0])[: len(columns)]
 
 
-def side_by_side(rows: Sequence[Histories]) -> Histories:
+def side_by_side(rows: Sequence[Channels]) -> Channels:
     """Histories, or columns of them, as columns."""
-    return Histories(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
+    return Channels(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
 
 
 def whole(frame: RateFrame, valid: BoolArray) -> Part:

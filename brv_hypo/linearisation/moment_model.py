@@ -78,7 +78,7 @@ class MomentModel:
                 for sign in (1.0, -1.0):
                     moved = _changed(there, {name: sign * step}, own)
                     if ago > 0.0:
-                        moved = replace(self.motion, history=_Past(self.motion, set(), (ago, moved)))
+                        moved = replace(self.motion, history=_NotedPast(self.motion, set(), (ago, moved)))
                     ends.append(np.sum(self._moments(moved), axis=0))
                 slope = np.asarray((ends[0] - ends[1]) / (2.0 * step), dtype=complex)
                 if np.any(slope):
@@ -143,12 +143,12 @@ class MomentModel:
 def delays_requested(motion: Motion, read: Callable[[Motion], object]) -> tuple[float, ...]:
     """How many seconds ago the past of a motion is that `read` requests, in order."""
     delays = set[float]()
-    read(replace(motion, history=_Past(motion, delays)))
+    read(replace(motion, history=_NotedPast(motion, delays)))
     return tuple(sorted(delays - {0.0}))
 
 
 @dataclass(frozen=True)
-class _Past:
+class _NotedPast:
     """The past of a motion, which notes how long ago is `delays` for; another one so long ago, where it is given."""
 
     motion: Motion

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.linearisation.channels import Histories, side_by_side
+from brv_hypo.linearisation.channels import Channels, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.response import MOTION, LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
@@ -39,7 +39,7 @@ class FlightHistories:
     span: slice
     grid: DecimatedGrid
     places: IntArray
-    kept: Histories
+    kept: Channels
     walks: IntArray
     noise: ComplexArray
 
@@ -48,11 +48,11 @@ class FlightHistories:
         width = max(count, 1) if self.grid.spread is None else max(1, AT_ONCE // self.grid.spread.shape[0])
         return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
-    def all_of(self, kept: Histories) -> Histories:
+    def all_of(self, kept: Channels) -> Channels:
         """All rows of the flight of those that are kept."""
-        return Histories(self.grid.all_of(kept.rates), self.grid.all_of(kept.force))
+        return Channels(self.grid.all_of(kept.rates), self.grid.all_of(kept.force))
 
-    def beside(self, more: Mapping[int, Histories]) -> FlightHistories:
+    def beside(self, more: Mapping[int, Channels]) -> FlightHistories:
         """With what is kept of further unknowns, by their places."""
         places = np.append(self.places, np.array(list(more), dtype=np.int64))
         return replace(self, places=places, kept=side_by_side([self.kept, *more.values()]))
@@ -129,15 +129,15 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
-    def histories(self, values: FloatArray) -> Histories:
+    def histories(self, values: FloatArray) -> Channels:
         """Their sum (frame rows, ...) with the unknowns at `values` (unknowns, ...)."""
         rates = np.zeros((self.rows, *values.shape[1:]), dtype=complex)
         force = np.zeros_like(rates)
         for own in self.flights:
             there = values[own.places]
-            made = own.all_of(Histories(own.kept.rates @ there, own.kept.force @ there))
+            made = own.all_of(Channels(own.kept.rates @ there, own.kept.force @ there))
             rates[own.span], force[own.span] = made.rates, made.force
-        return Histories(rates, force)
+        return Channels(rates, force)
 
     def without(self, names: frozenset[str]) -> Nuisances:
         """Those of other names."""
@@ -197,7 +197,7 @@ def nuisances(
             if mechanism.of_each_flight(flight)
             for item, history in _tolerated(frame, number, mechanism)
         )
-        rows, noises = dict[int, Histories](), dict[int, ComplexArray]()
+        rows, noises = dict[int, Channels](), dict[int, ComplexArray]()
         for item, history, noise in itertools.chain(known[MOTION], of_record, of_vehicle):
             if np.any(history.rates) or np.any(history.force):
                 if noise is not None:
@@ -206,7 +206,7 @@ def nuisances(
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(span, grid, walks[:0], Histories(nothing, nothing), walks, noise)
+        empty = FlightHistories(span, grid, walks[:0], Channels(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
     whole = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
@@ -220,9 +220,9 @@ def _key(effect: RecordEffect, component: Component) -> tuple[str, str]:
     return f"{effect!r} {vars(effect)}", component.name
 
 
-def _kept(grid: DecimatedGrid, history: Histories) -> Histories:
+def _kept(grid: DecimatedGrid, history: Channels) -> Channels:
     """What is kept of a history on the rows of a flight."""
-    return Histories(grid.of(history.rates), grid.of(history.force))
+    return Channels(grid.of(history.rates), grid.of(history.force))
 
 
 def _of_record(
@@ -257,17 +257,17 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
     return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
 
 
-def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
+def on_frame(frame: RateFrame, number: int, history: Channels) -> Channels:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
     force, span, own = np.zeros_like(rates), frame.span(number), history.at(frame.samples(number))
     rates[span], force[span] = own.rates, own.force
-    return Histories(rates, force)
+    return Channels(rates, force)
 
 
 def _tolerated(
     frame: RateFrame, number: int, mechanism: Mechanism, shared: bool = False
-) -> list[tuple[Nuisance, Histories]]:
+) -> list[tuple[Nuisance, Channels]]:
     """Unknowns of a tolerance's terms, with histories on the rows of a flight; `shared`: all flights have it."""
     sizes = mechanism.tolerance(frame.reconstructions[frame.reference if shared else number].flight)
     terms = () if sizes is None else mechanism.terms(frame.motions[number], {})
@@ -276,7 +276,7 @@ def _tolerated(
     return [
         (
             Nuisance(mechanism.name, column.term, flight, column.units, size, 0.0, stated=not shared),
-            Histories(size * own, np.zeros_like(own)),
+            Channels(size * own, np.zeros_like(own)),
         )
         for column, size, own in zip(columns, sizes or (), rates.T, strict=True)
     ]

@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.linearisation.channels import ForceModel, Histories
+from brv_hypo.linearisation.channels import Channels, ForceModel
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor
@@ -160,7 +160,7 @@ def linearisation_point(
 
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
 RESPONSE_TURN = 2e-3  # rad of the start's direction that differences are a `RESPONSE_STEP` of; 1 sigma of gravity
-MotionUnknown = tuple[str, str, Histories, float, ComplexArray | None]
+MotionUnknown = tuple[str, str, Channels, float, ComplexArray | None]
 """Name, component, derivative of the residual (n,), present value in units of the prior (NaN where there is none), and
 the noise (n,) rad/s that one unit of it is in the derolled rates.
 """
@@ -191,7 +191,7 @@ class LinearisedFlight:
         motion = self.reconstruction.motion
         return spacing(motion.windward_meridian_rate, motion.p, self.record.flight.step, per_cycle)
 
-    def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
+    def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Channels]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
         return self._derivatives(wanted, self._read)
 
@@ -208,11 +208,11 @@ class LinearisedFlight:
 
     def _derivatives(
         self, each: Iterable[Moved], moved: Callable[[list[Moved], float], list[MovedRecord]]
-    ) -> Iterator[Histories]:
+    ) -> Iterator[Channels]:
         """Derivatives of the residual (n,) by each of some things; `moved`: records with a share of each."""
         for more, less in half_steps(self.record.flight.samples, each, moved):
             found = self._changes(more, less).times(1.0 / RESPONSE_STEP)
-            yield from map(Histories, found.rates.T, found.force.T)
+            yield from map(Channels, found.rates.T, found.force.T)
 
     @cached_property
     def _as_modelled(self) -> Flight:
@@ -250,7 +250,7 @@ class LinearisedFlight:
             for k, history in enumerate(self._derivatives(shapes, read)):
                 yield error.name, str(k), history, 0.0, None
         for k, column in enumerate(self.force.columns(self.record, self.reconstruction.crossflow).T):
-            yield "force", str(k), Histories(np.zeros_like(column), column), np.nan, None
+            yield "force", str(k), Channels(np.zeros_like(column), column), np.nan, None
 
     def _with_input_error(self, name: str, changes: Sequence[FloatArray], share: float) -> list[MovedRecord]:
         """The records whose input, as smoothed, has a share of each change (n,) too much, the pressure of its size."""
@@ -284,7 +284,7 @@ class LinearisedFlight:
             present = float((weights[k] / part).real)
             yield MOTION, walk_name(axis, k), change, present, 1j * part * derolled * noise[:, k]
 
-    def _by_crossflow(self, changes: Iterable[ComplexArray]) -> Iterator[Histories]:
+    def _by_crossflow(self, changes: Iterable[ComplexArray]) -> Iterator[Channels]:
         """Derivatives of the residual (n,) by changes (n,) of the motion alone."""
 
         def moved(some: Sequence[ComplexArray], share: float) -> list[MovedRecord]:
@@ -300,7 +300,7 @@ class LinearisedFlight:
     def _nominal(self) -> NominalMotion:
         return NominalMotion(self.record, self.reconstruction.start)
 
-    def _changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Histories:
+    def _changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> Channels:
         """What the residuals (n, records) of some records have more than those of others."""
         nodes = self.reconstruction.nodes
         (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
@@ -309,7 +309,7 @@ class LinearisedFlight:
         integrands += nodes.of(factors - other_factors) * self._moments.usual(nodes.of(0.5 * (kept + other_kept)))
         return self._integrated(own - others, integrands)
 
-    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[Histories, ComplexArray, FloatArray]:
+    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[Channels, ComplexArray, FloatArray]:
         """The residual (n, records) of records at a crossflow but for the moments, the factors of these, and how much
         they keep: pressure and inertia of the linearisation point over the record's (see `MomentModel.usual`).
         """
@@ -324,15 +324,15 @@ class LinearisedFlight:
         force -= self.force.at(scales, np.stack([xi for _, xi in moved], axis=1), self.force_values)
         usual = self.record.moment_scale[:, np.newaxis]
         kept = np.divide(usual, scale, out=np.ones_like(scale), where=scale != 0.0)
-        return Histories(rates * turn, force), turn * scale, kept
+        return Channels(rates * turn, force), turn * scale, kept
 
-    def _integrated(self, own: Histories, integrands: ComplexArray) -> Histories:
+    def _integrated(self, own: Channels, integrands: ComplexArray) -> Channels:
         """The residual (n, records) with its moments, which are integrated at once."""
         nodes, rates = self.reconstruction.nodes, own.rates.copy()
         for a, b in self.record.flight.segments:
             part = nodes.rows(a, b)
             rates[a:b] -= running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
-        return Histories(rates, own.force)
+        return Channels(rates, own.force)
 
     @cached_property
     def _moments(self) -> MomentModel:

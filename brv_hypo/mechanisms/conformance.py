@@ -93,7 +93,7 @@ class Nonconformity(AssertionError):  # noqa: N818 - the field's word for a fail
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CheckOutcome:
     """What came of one check; `detail` says what was found where it failed."""
 
     check: str
@@ -466,7 +466,7 @@ def checks_of(item: Mechanism | RecordEffect) -> Checks:
     return (*(MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS), *_of_a_process(item))
 
 
-def conformance(item: Mechanism | RecordEffect) -> tuple[Outcome, ...]:
+def conformance(item: Mechanism | RecordEffect) -> tuple[CheckOutcome, ...]:
     """The outcome of every check, in order; none stops the others, and whatever one raises is its failure."""
     plain, outcomes = unchecked(item), []
     for check in checks_of(item):
@@ -478,5 +478,5 @@ def conformance(item: Mechanism | RecordEffect) -> tuple[Outcome, ...]:
             found = str(broken)
         except Exception as error:  # of foreign code
             found = f"it raised {type(error).__name__}: {error}"
-        outcomes.append(Outcome(check.__name__, not found, found))
+        outcomes.append(CheckOutcome(check.__name__, not found, found))
     return tuple(outcomes)

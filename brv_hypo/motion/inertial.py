@@ -26,7 +26,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
-from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, white_noise_level
+from brv_hypo.motion.signals import ColouredNoise, Filtered, differentiate, differentiated, white_noise_level
 from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 START_STEP = 1e-7  # rad, and of gravity's size, in derivatives by the start
@@ -54,7 +54,7 @@ class InertialRecord:
     attitude: FloatArray  # turns body axes into those of the first sample (n, 3, 3)
     transverse_rate: ComplexArray  # q + i r (n,) rad/s, smoothed
     rate_change: ComplexArray  # its derivative (n,), rad/s^2
-    spin_rate: Derivative  # the derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out
+    spin_rate: Filtered  # the derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out
     spin_angle: FloatArray  # (1 - Ix/I) of the roll (n,), rad
     force: FloatArray  # specific force at the c.g. in body axes (n, 3), m/s^2
     measured: BoolArray  # where the instruments were read (n,), not bridged

@@ -93,7 +93,7 @@ def _quantisation(channel: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Derivative:
+class Filtered:
     """First derivative of a sampled signal, and what the filter does to white noise."""
 
     signal: ComplexArray  # as it was (n,)
@@ -107,7 +107,7 @@ class Derivative:
     rate_bias: float  # estimated rms bias of each part of the rate, per s
 
 
-def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
+def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Filtered:
     """Derivative of `signal` (n,) by a Savitzky-Golay filter; `sigma` is its parts' white noise, `step` in s. Order and
     width are those of the least mean-square error of the derivative. Its bias is judged by what the next even order
     finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973). Each segment [start, stop)
@@ -128,7 +128,7 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
         interior[a + half_width : b - half_width] = True
     weights = middle_weights(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
-    return Derivative(
+    return Filtered(
         signal=signal,
         value=value,
         rate=rate / step,
@@ -141,7 +141,7 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
     )
 
 
-def differentiated(flight: Flight, channel: FloatArray, least: float = 0.0) -> Derivative:
+def differentiated(flight: Flight, channel: FloatArray, least: float = 0.0) -> Filtered:
     """A channel (n,) of a flight through that filter; its white noise is taken for `least` at least."""
     sigma = max(white_noise_level(channel, flight.segments), least)
     return differentiate(channel.astype(complex), flight.step, sigma, flight.segments)

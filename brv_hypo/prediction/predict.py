@@ -46,12 +46,12 @@ from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
 from brv_hypo.prediction.changes import find_differences, find_local_change, fixed_within
 from brv_hypo.prediction.result import (
-    Band,
     Difference,
     ErrorsOfPrediction,
     LocalChange,
     ModelSource,
     Prediction,
+    PredictionBand,
     Region,
     reason,
 )
@@ -465,12 +465,12 @@ def band_of(
     sigma: ComplexArray,
     model_sigma: FloatArray,
     flown: BoolArray,
-) -> Band:
+) -> PredictionBand:
     """The band and the share of samples in it where the model is known; `model_sigma`: its own part of `sigma`."""
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]
-    return Band(
+    return PredictionBand(
         level=BAND_LEVEL,
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,

@@ -81,7 +81,7 @@ class Difference(NullIsNaN):
 Series = tuple[float, ...]
 
 
-class Band(NullIsNaN):
+class PredictionBand(NullIsNaN):
     """The predictive band of the moments; record and vehicle err within their tolerances, by what this flight shows."""
 
     level: float = Field(description="of the prediction interval, noise included")
@@ -105,7 +105,7 @@ class Prediction(HasCharts, Result):
     ratio: float = Field(description="`frozen` over `without`")
     explained: float = Field(description="share of the mean square, noise aside, where the model's flights flew")
     flown: float = Field(description="share of the samples there")
-    band: Band = Field(description="prediction interval of the moments")
+    band: PredictionBand = Field(description="prediction interval of the moments")
     regions: tuple[Region, ...] = Field(description="ratio by interval of time")
     local_change: LocalChange | None = Field(default=None, description="where slope or damping differs; null: nowhere")
     difference: Difference | None = Field(default=None, description="coefficient that differs most; null: none")

@@ -12,7 +12,7 @@ from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import NOT_A_NUMBER, number, share, times
-from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance import CheckOutcome, sample_flight, sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect
 from brv_hypo.mechanisms.registry import OWN, Installed, Item, find, find_installed
 from brv_hypo.model.term import theta_grid
@@ -156,7 +156,7 @@ def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequenc
     return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms, "plantable": plantable}
 
 
-def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
+def conformance_table(name: str, outcomes: Sequence[CheckOutcome]) -> Table:
     """One row for each check, with what was found where it failed."""
     rows = [
         {"check": each.check.replace("_", " "), "": "passed" if each.passed else "failed", "found": each.detail}
@@ -166,7 +166,7 @@ def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 
 
-def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def conformance_data(name: str, outcomes: Sequence[CheckOutcome]) -> dict[str, Any]:
     """The same as data for JSON."""
     passed, checks = all(outcome.passed for outcome in outcomes), [asdict(outcome) for outcome in outcomes]
     return {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": passed, "checks": checks}

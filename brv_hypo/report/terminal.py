@@ -56,12 +56,12 @@ def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
         yield from (Text(text, "bold" if block.strong else "") for text in block.texts)
         return
     shown = block.rows if verbose else block.rows[: block.most]
-    yield Fitted(replace(block, rows=shown))
+    yield FittingTable(replace(block, rows=shown))
     if len(shown) < len(block.rows):
         yield Text(f"and {len(block.rows) - len(shown)} more: add -v", "dim")
 
 
-class Fitted:
+class FittingTable:
     """A table that fits the console: columns move together, then words fold, then it goes on below itself."""
 
     def __init__(self, block: Table) -> None:

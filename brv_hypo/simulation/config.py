@@ -24,7 +24,7 @@ NotNegative = Annotated[float, Field(ge=0.0)]
 Vector = tuple[float, float, float]
 
 
-class Section(BaseModel):
+class ConfigSection(BaseModel):
     """A part of a configuration: immutable, finite numbers, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
@@ -37,7 +37,7 @@ def _of_a_real_body(vehicle: Vehicle) -> Vehicle:
     return vehicle
 
 
-class AerodynamicsConfig(Section):
+class AerodynamicsConfig(ConfigSection):
     """Air-relative, per rad, rates times d / 2V (CONVENTIONS); in plane C_m0 + C_malpha alpha + C_malpha3 alpha^3."""
 
     C_A: float = 0.0  # axial force
@@ -50,7 +50,7 @@ class AerodynamicsConfig(Section):
     C_lp: float = 0.0  # roll damping
 
 
-class StartConfig(Section):
+class StartConfig(ConfigSection):
     """The first instant, relative to the air; coning at the natural frequency is a circle, at zero a plane motion."""
 
     time: float = 0.0  # s
@@ -64,7 +64,7 @@ class StartConfig(Section):
     coning_rate: float = 0.0  # how fast the plane of alpha turns about the velocity, rad/s
 
 
-class EnvironmentConfig(Section):
+class EnvironmentConfig(ConfigSection):
     """Earth, a sphere; `gravity` m/s^2 at sea level; `constant_density` kg/m^3 for verification by closed forms."""
 
     planet: Literal["earth"] = "earth"
@@ -72,7 +72,7 @@ class EnvironmentConfig(Section):
     constant_density: NotNegative | None = None
 
 
-class PlantedConfig(Section):
+class PlantedConfig(ConfigSection):
     """A mechanism to plant, as it would be fitted: terms times coefficients."""
 
     mechanism: str  # name of an installed mechanism
@@ -90,7 +90,7 @@ class PlantedConfig(Section):
         return self
 
 
-class SensorConfig(Section):
+class SensorConfig(ConfigSection):
     """Noise of an instrument (1 sigma, white). Its errors are record effects: `InstrumentsConfig.errors`."""
 
     noise: NotNegative = 0.0
@@ -99,7 +99,7 @@ class SensorConfig(Section):
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
 
 
-class SpikesConfig(Section):
+class SpikesConfig(ConfigSection):
     """`count` samples of a channel, at random, are off by +-`size` (SI)."""
 
     channel: Channel
@@ -107,7 +107,7 @@ class SpikesConfig(Section):
     size: Positive
 
 
-class GapConfig(Section):
+class GapConfig(ConfigSection):
     """`count` gaps of `duration` s without samples: one at `start` s, or all at random."""
 
     channels: tuple[Channel, ...] = get_args(Channel)
@@ -122,7 +122,7 @@ class GapConfig(Section):
         return self
 
 
-class TolerancesConfig(Section):
+class TolerancesConfig(ConfigSection):
     """What a flight record says of its instruments: `grade`, and `tolerances` by the keys of its format. A plain number
     is in the units of a file of tolerances: `gyro_bias` in deg/s, all else SI; text may name units.
     """
@@ -163,7 +163,7 @@ class InstrumentsConfig(TolerancesConfig):
         return not any(gauge.noise for gauge in gauges)
 
 
-class SimulationConfig(Section):
+class SimulationConfig(ConfigSection):
     """A simulated flight."""
 
     title: str = Field(default="", description="For the reader.")

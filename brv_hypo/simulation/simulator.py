@@ -29,7 +29,7 @@ from brv_hypo.results import Histories
 from brv_hypo.settings import takes_settings
 from brv_hypo.simulation.config import ConfigSource, SimulationConfig, SimulationSettings, load_config, numbers
 from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, wind_profile
-from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
+from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, Equations, dot, initial_state, planted, system
 
 FASTEST_TURNING = 1000.0  # rad/s, of any body rate: beyond it a motion diverges
 _ASIDE = 1e-10  # s by which a stage steps aside from a jump, to see the moments on its own side of it
@@ -42,7 +42,7 @@ class Trajectory:
     the interval before it ends with the rate before the jump, the one after begins with the rate after it.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: Equations) -> None:
         self.system = system
         self.nodes, self.breaks, self.samples = grid(system)
         self.states = np.zeros((self.nodes.size, STATES, 1))
@@ -95,7 +95,7 @@ class Trajectory:
         return replace(motion, windward_meridian=turned)
 
 
-def break_times(system: System) -> FloatArray:
+def break_times(system: Equations) -> FloatArray:
     """Where moments jump or kink (s): region edges, and what follows one and two delays later."""
     edges, delays = [], [0.0]
     for item in system.planted:
@@ -108,7 +108,7 @@ def break_times(system: System) -> FloatArray:
     return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + later_by)]))
 
 
-def grid(system: System) -> tuple[FloatArray, BoolArray, IntArray]:
+def grid(system: Equations) -> tuple[FloatArray, BoolArray, IntArray]:
     """Nodes (n,) s, a step apart and at breaks; which of them are breaks (n,); the nodes that are samples (m,)."""
     config, breaks = system.config, break_times(system)
     start, step = config.start.time, config.step
@@ -123,7 +123,7 @@ def grid(system: System) -> tuple[FloatArray, BoolArray, IntArray]:
     return nodes, marked, np.searchsorted(nodes, uniform[:: config.steps_per_sample]).astype(np.int64)
 
 
-def integrate(system: System, state: FloatArray, report: Report = silent) -> Trajectory:
+def integrate(system: Equations, state: FloatArray, report: Report = silent) -> Trajectory:
     """The trajectory from `state` (13, 1) by the classical Runge-Kutta method; `report` is called now and then."""
     trajectory = Trajectory(system)
     nodes, breaks = trajectory.nodes, trajectory.breaks
@@ -296,7 +296,7 @@ def simulate(
     return SimulatedFlight(recorded(time, sensed, chosen, seed), truth, chosen, seed)
 
 
-def flown(equations: System, report: Report = silent) -> Trajectory:
+def flown(equations: Equations, report: Report = silent) -> Trajectory:
     """The trajectory of a flight; refuses what has no sense as one."""
     state, instant = initial_state(equations), np.array([equations.config.start.time])
     motion = equations.motion(instant, state, equations.air_data(instant, state))
@@ -322,7 +322,7 @@ def flown(equations: System, report: Report = silent) -> Trajectory:
     return trajectory
 
 
-def _truth(equations: System, time: FloatArray, state: FloatArray, air: AirData, angular: FloatArray) -> Truth:
+def _truth(equations: Equations, time: FloatArray, state: FloatArray, air: AirData, angular: FloatArray) -> Truth:
     """What was flown; what is planted is the moment less that without it."""
     config = equations.config
     bare = replace(equations, planted=planted(config, config.asymmetries))

@@ -172,7 +172,7 @@ class AirData:
 
 
 @dataclass(frozen=True)
-class System:
+class Equations:
     """The equations of motion of a flight (Eq. 2.2 to 2.4)."""
 
     config: SimulationConfig
@@ -302,12 +302,12 @@ class System:
         return (0.0, 0.0) if self.wind_profile is None else self.wind_profile.at(time)
 
 
-def system(config: SimulationConfig) -> System:
+def system(config: SimulationConfig) -> Equations:
     """The equations of motion of a flight; what is planted is looked up among the installed mechanisms."""
-    return System(config, (*planted(config, config.asymmetries), *planted(config, config.mechanisms)))
+    return Equations(config, (*planted(config, config.asymmetries), *planted(config, config.mechanisms)))
 
 
-def initial_state(equations: System) -> FloatArray:
+def initial_state(equations: Equations) -> FloatArray:
     """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
     start = equations.config.start
     path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])

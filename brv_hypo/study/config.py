@@ -29,7 +29,7 @@ from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.motion.compatibility import DEGREES, RPM
 from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
-from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig
+from brv_hypo.simulation.config import ConfigSection, NotNegative, PlantedConfig, Positive, TolerancesConfig
 
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
 
@@ -170,7 +170,7 @@ class InstrumentDraws(TolerancesConfig):
     factor: NotNegative = 1.0
 
 
-class FaultDraws(Section):
+class FaultDraws(ConfigSection):
     """Faults of the record: the `share` of flights that have one, drawn evenly from `kinds` (None: every kind)."""
 
     share: Annotated[float, Field(ge=0.0, le=1.0)]
@@ -193,7 +193,7 @@ class FaultDraws(Section):
         return self
 
 
-class DrawsConfig(Section):
+class DrawsConfig(ConfigSection):
     """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly. `size` multiplies
     the planted coefficients, `delay` the planted delays and other nonlinear parameters, `gyro_noise` the gyros'
     standard deviation. `onset_shift` s moves the planted regions, uniformly. `windward_meridian` rad is the meridian at
@@ -212,7 +212,7 @@ class DrawsConfig(Section):
     faults: FaultDraws | None = None
 
 
-class StudyConfig(Section):
+class StudyConfig(ConfigSection):
     """A study: many simulated flights, each compared."""
 
     title: str = Field(default="study", description="For the reader.")
@@ -250,7 +250,7 @@ def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides
     return settings_of(StudyConfig, file, overrides)
 
 
-class Draw(Section):
+class Draw(ConfigSection):
     """What one flight drew; `DrawsConfig` says what each number is."""
 
     vehicle: str = Field(description="configuration")

@@ -30,7 +30,7 @@ from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, prior_of_times, rows_of
 from brv_hypo.io.text import estimated
-from brv_hypo.linearisation.channels import Histories, Part
+from brv_hypo.linearisation.channels import Channels, Part
 from brv_hypo.mechanisms.contract import MomentProcess, Process, RecordEffect, RecordProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_effects, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
@@ -224,7 +224,7 @@ class Beside:
 
 
 def beside_processes(
-    fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Histories] | None = None
+    fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Channels] | None = None
 ) -> Beside:
     """What a fit has more than a model `before`, beside all processes; `given`: histories that may be columns."""
     model, data, count = fit.model, fit.data, len(before.columns)

@@ -24,7 +24,7 @@ from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.likelihood.statistics import whiteness
-from brv_hypo.linearisation.channels import Histories, Noise, Part, first_values, part, split, whole
+from brv_hypo.linearisation.channels import Channels, Noise, Part, first_values, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances, on_frame
@@ -127,7 +127,7 @@ class Corrected:
         self,
         model: Model,
         linear: Sequence[LinearisedFlight],
-        given: Mapping[str, Histories] | None = None,
+        given: Mapping[str, Channels] | None = None,
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
         """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
@@ -270,9 +270,9 @@ class Fit:
         """What the errors of record and vehicle come to, in SI: one mapping a flight."""
         return self.problem.rows.nuisances.values(self.solution[1], len(self.data.records))
 
-    def histories(self, applied: Iterable[Applied]) -> dict[str, Histories]:
+    def histories(self, applied: Iterable[Applied]) -> dict[str, Channels]:
         """What one SI unit of components of record effects does to the residual (frame rows,), by their names."""
-        wanted, found = tuple(applied), dict[str, Histories]()
+        wanted, found = tuple(applied), dict[str, Channels]()
         for number, linear in enumerate(self.linear):
             own = [each for each in wanted if each.flight == number]
             changes = linear.effects((each.effect, each.component, each.size) for each in own)
@@ -291,7 +291,7 @@ class Fit:
         return fit_hypothesis(self.problem, "none", ())
 
     @cached_property
-    def rest(self) -> Histories:
+    def rest(self) -> Channels:
         """The residual of rates (but for a constant a piece) and force (frame rows,)."""
         return self.problem.left(self.data.frame, self.model.columns, *self.solution)
 

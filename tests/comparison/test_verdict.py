@@ -15,8 +15,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import OTHER, Explained, MechanismLimit, ProcessEstimate, RecordError, Verdict
 from brv_hypo.comparison.verdict import (
     NONE,
-    Candidate,
-    Fit,
+    Contender,
+    Misfit,
     decide,
     judge,
     probabilities,
@@ -31,7 +31,7 @@ from brv_hypo.thresholds import NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
 STRETCHES = 12
 ROWS = 1000
-GOOD = Fit(noise=1.0, rows=ROWS, explains=800.0)
+GOOD = Misfit(noise=1.0, rows=ROWS, explains=800.0)
 SIDE = "a moment that no mechanism on the list has (side moment from 2.00 s)"
 NONE_ADEQUATE = "None of the hypotheses is adequate"
 NAMES = (NONE, "lag", "sticking", "damping", "bodyfixed", "inplane")
@@ -40,18 +40,18 @@ LEVELS = st.floats(-1e4, 1e4)
 
 def candidate(
     name: str, level: float, held_out: float | Sequence[float] | FloatArray | None = None, **others: str
-) -> Candidate:
+) -> Contender:
     """One that predicts every stretch with its share of the evidence, so that this falls as the rows do, or so."""
     density = level / STRETCHES if held_out is None else held_out
     each = np.full(STRETCHES, density) if np.isscalar(density) else np.array(density, dtype=float)
-    return Candidate(name, level, each, **others)
+    return Contender(name, level, each, **others)
 
 
 NULL = candidate(NONE, 0.0)
 LAG = candidate("lag", 40.0)
 
 
-def side(level: float) -> Candidate:
+def side(level: float) -> Contender:
     """Something instead of the leader."""
     return candidate("side", level, words=SIDE)
 
@@ -67,7 +67,7 @@ def process(share: float, name: str = "density_change", family: str = "air") -> 
     )
 
 
-def said(*listed: Candidate, outside: Sequence[Candidate] = (), fit: Fit = GOOD) -> Verdict:
+def said(*listed: Contender, outside: Sequence[Contender] = (), fit: Misfit = GOOD) -> Verdict:
     return judge(listed, outside, fit, explained(0.83), [process(0.012)])
 
 
@@ -256,12 +256,12 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
 @pytest.mark.parametrize(
     ("fit", "why"),
     [
-        (Fit(1.0, ROWS, 0.0), "explains nothing significant of what the baseline does not."),
-        (Fit(1.0, ROWS, 800.0, significant=False), "explains less than processes do (83 %, these 0 %)."),
-        (Fit(1.0, ROWS, 800.0, regions=3), "acts in 3 separate regions, as a description of something else would."),
+        (Misfit(1.0, ROWS, 0.0), "explains nothing significant of what the baseline does not."),
+        (Misfit(1.0, ROWS, 800.0, significant=False), "explains less than processes do (83 %, these 0 %)."),
+        (Misfit(1.0, ROWS, 800.0, regions=3), "acts in 3 separate regions, as a description of something else would."),
     ],
 )
-def test_what_explains_nothing_significant_is_not_named(fit: Fit, why: str) -> None:
+def test_what_explains_nothing_significant_is_not_named(fit: Misfit, why: str) -> None:
     """The reason says which it is, and no other."""
     verdict = said(NULL, LAG, fit=fit)
     assert (verdict.outcome, verdict.winner) == ("undecided", None)
@@ -270,7 +270,7 @@ def test_what_explains_nothing_significant_is_not_named(fit: Fit, why: str) -> N
 
 @pytest.mark.parametrize(("level", "likelier"), [(38.0, False), (41.5, True)])
 def test_what_is_likelier_than_the_leader_is_said(level: float, likelier: bool) -> None:
-    verdict = said(NULL, LAG, outside=[side(level)], fit=Fit(1.0, ROWS, 0.0))
+    verdict = said(NULL, LAG, outside=[side(level)], fit=Misfit(1.0, ROWS, 0.0))
     other = verdict.probability[OTHER]
     assert (other > verdict.probability["lag"]) == likelier
     assert verdict.outcome == "undecided"
@@ -323,7 +323,7 @@ def test_an_impossible_rival_is_no_matter() -> None:
 def test_a_lack_of_fit_is_measured_by_noise_and_by_what_is_explained(
     noise: float, explains: float, adequate: bool
 ) -> None:
-    fit = Fit(noise, ROWS, explains)
+    fit = Misfit(noise, ROWS, explains)
     verdict = said(NULL, LAG, fit=fit)
     assert verdict.adequacy is not None
     assert verdict.adequacy.adequate == fit.adequate == adequate
@@ -340,7 +340,7 @@ def test_the_p_value_allows_for_noise_that_is_stated_within_a_tenth(rows: int) -
     """Of as many standard errors as a level has by its rows and by what the record states."""
     spread = float(np.hypot(NOISE_LEVEL[1], np.sqrt(0.5 / rows)))
     for sigmas, expected in ((0.0, 0.5), (1.0, 0.158655), (3.0, 0.00134990)):
-        assert Fit(float(np.exp(sigmas * spread)), rows, 0.0).p_value == pytest.approx(expected, rel=1e-5)
+        assert Misfit(float(np.exp(sigmas * spread)), rows, 0.0).p_value == pytest.approx(expected, rel=1e-5)
 
 
 # ---- What is outside the list ----
@@ -386,7 +386,7 @@ def test_its_prior_is_that_of_the_configuration() -> None:
 # ---- Repetitions without a stretch of the record ----
 
 
-def lag_without(confirmed: float, rival: float = 37.0) -> tuple[Candidate, Candidate]:
+def lag_without(confirmed: float, rival: float = 37.0) -> tuple[Contender, Contender]:
     """`lag`, and the baseline that leads by `rival` without the other stretches than that share."""
     ahead = np.arange(STRETCHES) < round(confirmed * STRETCHES)
     return candidate("lag", 40.0, 40.0 - np.where(ahead, rival, -rival)), candidate(NONE, 0.0)
@@ -457,7 +457,7 @@ def test_a_repetition_is_judged_by_the_same_rules(
     `levels` and `beyond` are the evidences without the first stretch; mechanisms predict the others better.
     """
 
-    def discounted(name: str, level: float, without_first: float, **others: str) -> Candidate:
+    def discounted(name: str, level: float, without_first: float, **others: str) -> Contender:
         rest = [0.0 if name == NONE else 100.0] * (STRETCHES - 1)
         return candidate(name, level, [level - without_first, *rest], **others)
 
@@ -492,7 +492,7 @@ def test_a_verdict_is_whole_whatever_the_evidences(
         for name, (level, held, spread) in zip(NAMES, rows, strict=False)
     ]
     outside = [side(level) for level in others]
-    verdict = judge(listed, outside, Fit(noise, ROWS, explains), explained(0.5), [process(0.3)])
+    verdict = judge(listed, outside, Misfit(noise, ROWS, explains), explained(0.5), [process(0.3)])
     leader = max(listed, key=lambda each: each.level)
     assert set(verdict.probability) == {each.name for each in listed} | {OTHER}
     assert sum(verdict.probability.values()) == pytest.approx(1.0)
@@ -506,7 +506,7 @@ def test_a_verdict_is_whole_whatever_the_evidences(
         assert leader is listed[0] or leader.held_out.sum() > listed[0].held_out.sum()
     if verdict.outcome == "none adequate":
         assert verdict.equivalent == ()
-        assert not Fit(noise, ROWS, explains).adequate or verdict.probability[OTHER] >= WINNING_PROBABILITY
+        assert not Misfit(noise, ROWS, explains).adequate or verdict.probability[OTHER] >= WINNING_PROBABILITY
     if verdict.outcome == "undecided":
         assert verdict.equivalent[0] == leader.name
     assert not re.search(r"\d{7}|e\+|\bnan\b|\binf\b", verdict.reason)

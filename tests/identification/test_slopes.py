@@ -9,21 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.identification.identify import Problem, build_problem
-from brv_hypo.likelihood.collocation import Differenced, Function, Model, Points, evaluate, jacobian, start_points
+from brv_hypo.identification.identify import IdentificationProblem, build_problem
+from brv_hypo.likelihood.collocation import Differenced, Function, Points, System, evaluate, jacobian, start_points
 from brv_hypo.likelihood.segment import build_grid
 from brv_hypo.linearisation.response import GRAVITY_ERRORS
 from tests.studies.identification.study import flights, trial
 
 
 @cache
-def problem(case: str) -> Problem:
+def problem(case: str) -> IdentificationProblem:
     ((simulated, flight),) = flights(case, 1, seed=3)
     work = trial(simulated, flight)
     return build_problem(work.frame, work.columns, work.values)
 
 
-def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
+def moved(case: str, seed: int) -> tuple[IdentificationProblem, Points, dict[str, float]]:
     """A problem, and states and values near its start; what moves columns stays."""
     made, rng = problem(case), np.random.default_rng(seed)
     nonlinear_parameters = {parameter.name for parameter in made.structure.nonlinear_parameters}
@@ -31,7 +31,7 @@ def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
         name: value + (0.0 if name in nonlinear_parameters else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
         for name, value in made.theta.items()
     }
-    model = Model(made.model.dynamics, made.model.outputs, made.structure.delays)
+    model = System(made.model.dynamics, made.model.outputs, made.structure.delays)
     points = start_points(model, build_grid(made.segments()[0], 0), theta)
     points.x[:] *= 1.0 + 0.1 * rng.standard_normal((4, 1))
     return made, points, theta

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.inference import Evidence, Group, Rows
+from brv_hypo.inference import Evidence, ProcessGroup, Rows
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Block, Terms
 from brv_hypo.linearisation.frame import RateFrame
@@ -58,7 +58,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         no_errors = np.zeros((sizes.rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
         blocks.append(Block(here, own_z, places, own_z, part, *no_errors))
     groups = tuple(
-        Group(f"process {k}", "family", "1", True, 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0))
+        ProcessGroup(f"process {k}", "family", "1", True, 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0))
         for k in range(len(sizes.splines))
     )
     rows = Rows(

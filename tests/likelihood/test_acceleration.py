@@ -11,7 +11,7 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import fit, gauss_newton
-from brv_hypo.likelihood.gauss_newton import Extrapolation, Iterate, Problem, Step
+from brv_hypo.likelihood.gauss_newton import Extrapolation, Iterate, NewtonStep, Setup
 from tests.studies.likelihood.problems import short_period, stalled_aircraft
 
 GOAL = np.array([1.0, -2.0, 0.5])
@@ -20,15 +20,15 @@ SHRINKS = _TURN @ np.diag([0.9, 0.5, -0.3]) @ _TURN.T
 """What a step leaves of the distance to the goal."""
 
 
-def problem(reach: float = np.inf, process_noise: float = 0.0) -> Problem:
+def problem(reach: float = np.inf, process_noise: float = 0.0) -> Setup:
     parameters = SimpleNamespace(prior_std=np.full(3, np.inf))
     known = {"reach": np.full(3, reach), "process_noise": np.full(1, process_noise), "parameters": parameters}
-    return cast(Problem, SimpleNamespace(**known))
+    return cast(Setup, SimpleNamespace(**known))
 
 
-def step_from(theta: FloatArray) -> Step:
+def step_from(theta: FloatArray) -> NewtonStep:
     move = (SHRINKS - np.eye(3)) @ (theta - GOAL)
-    return Step(move, (move[None],), np.eye(3), float(np.linalg.norm(move)), 0.0, 0.0, 0.0, 0.0)
+    return NewtonStep(move, (move[None],), np.eye(3), float(np.linalg.norm(move)), 0.0, 0.0, 0.0, 0.0)
 
 
 def distances(extrapolation: Extrapolation, steps: int, start: FloatArray) -> list[float]:
@@ -49,7 +49,7 @@ def test_as_many_steps_as_unknowns_find_the_goal_of_linear_steps() -> None:
 
 
 @pytest.mark.parametrize("held", [problem(reach=1e-3), problem(process_noise=0.1)])
-def test_steps_stay_as_they_are_where_they_may_not_be_extrapolated(held: Problem) -> None:
+def test_steps_stay_as_they_are_where_they_may_not_be_extrapolated(held: Setup) -> None:
     left = distances(Extrapolation(held), 5, GOAL + 0.3)
     assert left[-1] == pytest.approx(np.linalg.norm(np.linalg.matrix_power(SHRINKS, 5) @ np.full(3, 0.3)))
 

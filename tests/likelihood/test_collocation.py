@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brv_hypo.likelihood.collocation import Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.collocation import System, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import block_rows
 from brv_hypo.likelihood.segment import Segment, build_grid
 from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinning_body
@@ -34,7 +34,7 @@ def test_derivatives_by_states_and_parameters(problem: ModelProblem) -> None:
     u = problem.inputs(t)
     y = np.zeros((problem.noise.size, n))
     grid = build_grid(Segment(t, u, y, np.zeros(n_states)), 0)
-    model = Model(problem.dynamics, problem.outputs, problem.delays)
+    model = System(problem.dynamics, problem.outputs, problem.delays)
     x = 0.1 * rng.standard_normal((n_states, n))
     names = tuple(problem.truth)
     linear = linearise_segment(model, grid, x, problem.truth, names)
@@ -65,6 +65,6 @@ def test_the_defect_of_the_true_motion_falls_with_the_fifth_power_of_the_step() 
         segment = problem.simulate(int(4 * rate), seed=0)
         truth = problem.trajectory(segment.t, np.random.default_rng(0))
         grid = build_grid(segment, 0)
-        defect, _ = evaluate_segment(Model(problem.dynamics, problem.outputs), grid, truth, problem.truth)
+        defect, _ = evaluate_segment(System(problem.dynamics, problem.outputs), grid, truth, problem.truth)
         sizes.append(np.abs(defect[5:-5]).max())
     assert np.log2(sizes[0] / sizes[1]) == pytest.approx(5, abs=0.5)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.collocation import System, linearise_segment
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradients, kalman_innovations
-from brv_hypo.likelihood.gauss_newton import Iterate, Problem, sensitivities
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup, sensitivities
 from brv_hypo.likelihood.segment import Hold, Segment, build_grid, build_parameters
 
 THETA = {"mu": 0.8, "gain": 1.3, "slope": 0.4}
@@ -26,7 +26,7 @@ def bent(x: Any, u: Any, theta: Any, t: Any) -> Any:
     return np.stack([np.exp(theta["slope"] * x[0]), x[0] * x[1]])
 
 
-def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
+def place(hold: Hold, method: Any) -> tuple[Setup, Iterate]:
     """Two segments with gaps, states anywhere near a motion."""
     rng = np.random.default_rng(0)
     segments = []
@@ -37,9 +37,9 @@ def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
         segments.append(Segment(t, np.sign(np.sin(2 * t))[None], y, np.ones(2), hold=hold))
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     parameters = build_parameters(THETA, {}, {})
-    model = Model(oscillator, bent, method=method)
+    model = System(oscillator, bent, method=method)
     drive = np.array([0.0, 0.3])
-    problem = Problem(model, grids, parameters, np.array([1.2, 0.7]), drive, np.full(3, np.inf))
+    problem = Setup(model, grids, parameters, np.array([1.2, 0.7]), drive, np.full(3, np.inf))
     x = tuple(np.stack([np.sin(g.t[: g.n]), np.cos(g.t[: g.n])]) + 0.1 * rng.standard_normal((2, g.n)) for g in grids)
     return problem, Iterate(x, parameters.start, np.array([0.04, 0.09]))
 
@@ -84,7 +84,7 @@ def test_its_gradient_is_that_of_its_differences(hold: Hold, method: str) -> Non
     np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-5 * np.abs(expected).max())
 
 
-def _slope(problem: Problem, iterate: Iterate, segments: tuple[Eliminated, ...], i: int) -> float:
+def _slope(problem: Setup, iterate: Iterate, segments: tuple[Eliminated, ...], i: int) -> float:
     """Central difference along one parameter, the states following."""
     h = 1e-4
 

@@ -13,7 +13,7 @@ from brv_hypo.comparison.preparation import Reading, _problem, shared_problem
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import carrying
 from brv_hypo.inference.problem import Problem
-from brv_hypo.linearisation.channels import Histories
+from brv_hypo.linearisation.channels import Channels
 from brv_hypo.linearisation.nuisance import Nuisances
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.motion import ReconstructionConfig, reconstruct
@@ -70,12 +70,12 @@ def nuisance_columns(found: Nuisances) -> dict[str, int]:
     return {item.label: k for k, item in enumerate(found.items) if item.name not in others}
 
 
-def both(seed: int) -> Histories:
+def both(seed: int) -> Channels:
     """The histories of nuisance effects (rows, effects), by label."""
     found = problem(seed).rows.nuisances
     places = [place for _, place in sorted(nuisance_columns(found).items())]
     histories = found.histories(np.eye(len(found.items))[:, places])
-    return Histories(histories.rates, histories.force)
+    return Channels(histories.rates, histories.force)
 
 
 @pytest.mark.thorough

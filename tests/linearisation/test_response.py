@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.inference.build import linearised
-from brv_hypo.linearisation.channels import Histories, first_values
+from brv_hypo.linearisation.channels import Channels, first_values
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects
@@ -49,5 +49,5 @@ def test_the_last_digit_of_the_record_moves_the_columns_of_the_walk_by_no_more_t
     assert 0.0 < max(apart) < 1e-7
 
 
-def _size(rows: Histories) -> float:
+def _size(rows: Channels) -> float:
     return float(np.linalg.norm(rows.rates))

@@ -24,7 +24,7 @@ from brv_hypo.report.tables import (
     term_table,
     vehicle_blocks,
 )
-from brv_hypo.report.terminal import Fitted, terminal_view
+from brv_hypo.report.terminal import FittingTable, terminal_view
 from brv_hypo.report.trace import outcome_text, trace_document
 from brv_hypo.tracing.result import Account, Errors, Step
 from tests.chains import compared_nominal, traced_trim
@@ -51,7 +51,7 @@ def tables(draw) -> Table:
 @settings(suppress_health_check=[HealthCheck.too_slow])  # drawing rows is slow on a busy machine
 @given(tables(), st.integers(60, 120))
 def test_a_table_fits_and_has_every_character(table, width) -> None:
-    text = printed(Fitted(table), width)
+    text = printed(FittingTable(table), width)
     assert max(cell_len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     for row in table.rows:
@@ -68,7 +68,7 @@ def test_names_are_not_folded_where_closer_columns_do() -> None:
     headings = ("rank", "mechanism", *(f"n{i}" for i in range(6)))
     row = dict(zip(headings, ("1", "uneven_ablation", *["1.2345e+06"] * 6), strict=True))
     table = Table([row], words=WORDS)
-    text = printed(Fitted(table), 4 + 1 + 15 + 6 * 11)
+    text = printed(FittingTable(table), 4 + 1 + 15 + 6 * 11)
     assert "uneven_ablation" in text
     assert len(text.splitlines()) == 3
 
@@ -77,7 +77,7 @@ def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
     comparison = compared_nominal()
     row = comparison.ranking[0].model_copy(update={"mechanism": "ablation_by_file", "f_ratio": 1.07e6, "cp": 1.07e6})
     table = ranking_table(comparison.model_copy(update={"ranking": (row,)}))
-    lines = printed(Fitted(table), 80).splitlines()
+    lines = printed(FittingTable(table), 80).splitlines()
     assert len(lines) == 4
     assert "ablation_by_file" in lines[2]
     assert "other" in lines[3]
