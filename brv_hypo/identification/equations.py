@@ -10,7 +10,7 @@ with p measured, e its error, w the wind. De-rolled states turn as slowly as the
 rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air are time histories
 (parameters.py): k, Q, q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
 
-`MomentModel` evaluates the regressors at a motion, `Shapes` has them as angular accelerations, and
+`MomentColumns` evaluates the regressors at a motion, `Shapes` has them as angular accelerations, and
 `VehicleModel` has the functions that `likelihood.fit` takes.
 """
 
