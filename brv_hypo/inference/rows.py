@@ -71,9 +71,26 @@ class Block:
     estimates: FloatArray
     items: tuple[int, ...]
 
-    def less(self, rows: FloatArray) -> FloatArray:
-        """Rows of the flight (m, columns) with what has no prior projected out."""
-        return np.asarray(rows - self.own @ (self.own.T @ rows))
+    @classmethod
+    def of(
+        cls,
+        rows: IntArray,
+        use: BoolArray,
+        parts: Sequence[FloatArray],
+        errors: Sequence[FloatArray],
+        items: Sequence[int],
+    ) -> Block:
+        """Of those rows that count, `use` (m, 1), columns of each group (m, k), and of errors without a prior and within
+        tolerances (m, k), the latter of these nuisances.
+        """
+        ends, raw = np.cumsum([part.shape[1] for part in parts]).tolist(), np.concatenate(parts, axis=1)
+        columns = tuple(slice(end - part.shape[1], end) for end, part in zip(ends, parts, strict=True))
+        free, within = (use * each for each in errors)
+        own, _ = orthonormal(free)
+        directions, sizes, right = np.linalg.svd(within - own @ (own.T @ within), full_matrices=False)
+        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
+        block = cls(rows, raw, columns, raw, own, directions, shrunk, right.T * (sizes * shrunk), tuple(items))
+        return replace(block, z=block.whitened(use * raw))
 
     @cached_property
     def errors_in_z(self) -> FloatArray:
@@ -404,23 +421,16 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
     blocks, y = [], problem.raw_response[:top].copy()
     for flight in range(len(frame.motions)):
         rows, mine = problem.rows.of_flights[flight].places, number[unknowns.places[flight]].tolist()
-        design, counted = unknowns.own[flight][: rows.size], use[rows, np.newaxis]
-        free = [j for j, k in enumerate(mine) if k < 0 or not np.isfinite(items[k].present)]
-        within = [j for j, k in enumerate(mine) if k in bounded]
-        y[rows] -= design[:, within] @ np.array([items[mine[j]].present for j in within])
-        parts = [design[:, [j for j, k in enumerate(mine) if k >= 0 and items[k].name == own.name]] for own in drifts]
+        design = unknowns.own[flight][: rows.size]
+        free = design[:, [j for j, k in enumerate(mine) if k < 0 or not np.isfinite(items[k].present)]]
+        some = [k for k in mine if k in bounded]
+        within = design[:, [mine.index(k) for k in some]]
+        y[rows] -= within @ np.array([items[k].present for k in some])
+        parts = [design[:, [k >= 0 and items[k].name == own.name for k in mine]] for own in drifts]
         for rates in rates_of_processes(frame, moments, flight, moment):
             white = problem.rows.of_flights[flight].white_moments(rates)
             parts.append(np.concatenate([white, np.zeros_like(white)]))
-        ends = np.cumsum([part.shape[1] for part in parts])
-        columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
-        raw, (own, _) = np.concatenate(parts, axis=1), orthonormal(counted * design[:, free])
-        block = Block(rows, raw, columns, raw, own, raw[:, :0], np.zeros(0), np.zeros((0, 0)), ())
-        directions, sizes, right = np.linalg.svd(block.less(counted * design[:, within]), full_matrices=False)
-        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
-        errors = (directions, shrunk, right.T * (sizes * shrunk), tuple(mine[j] for j in within))
-        block = Block(rows, raw, columns, raw, own, *errors)
-        blocks.append(replace(block, z=block.whitened(counted * raw)))
+        blocks.append(Block.of(rows, use[rows, np.newaxis], parts, (free, within), some))
     groups = (
         *(ProcessGroup(each.name, each.family, each.units, False, each.size, RECORD_AMPLITUDE) for each in drifts),
         *(ProcessGroup(each.name, each.family, "1", True, moment, MOMENT_AMPLITUDE) for each in moments),

@@ -253,7 +253,8 @@ def test_products_of_moments_are_those_of_their_whitened_columns(sizes: Sizes, s
     rows, terms = small(sizes, seed)
     rng, blocks = np.random.default_rng(20_000 + seed), []
     for block in rows.blocks:
-        errors = np.linalg.qr(block.less(rng.standard_normal((block.rows.size, 3))))[0]
+        errors = rng.standard_normal((block.rows.size, 3))
+        errors = np.linalg.qr(errors - block.own @ (block.own.T @ errors))[0]
         blocks.append(replace(block, errors=errors, shrunk=rng.uniform(0.1, 0.9, 3)))
     rows = replace(rows, blocks=tuple(blocks))
     rates = rates_of(rows, seed, count)
