@@ -318,10 +318,11 @@ class RecordError(NullIsNaN):
 
     @property
     def in_tolerances(self) -> str:
-        """Its value in tolerances, and by the data alone where that is far more, in words."""
-        alone, more = self.without_tolerance, abs(self.without_tolerance) > _FAR_MORE * abs(self.value)
-        by_data = f"; by the data alone, without it, {number(alone)}, {abs(alone) / self.tolerance:.0f} times"
-        return f"{abs(self.tolerances):.1f} times its tolerance{by_data if more else ''}"
+        """The same and in tolerances; of the data alone where that is far more."""
+        if abs(self.without_tolerance) > _FAR_MORE * abs(self.value):
+            alone = self.model_copy(update={"value": self.without_tolerance})
+            return f"{alone.in_tolerances} by the data alone ({self.stated} with that tolerance)"
+        return f"{self.stated}, {abs(self.tolerances):.1f} times its tolerance"
 
 
 def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
@@ -332,7 +333,7 @@ def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
 def beyond_text(errors: Sequence[RecordError], model: str, outcome: str = "") -> str:
     """The largest of those beside a `model` in a sentence, and what they may be where none is adequate; else empty."""
     poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
-    said = [f"{each.name} {each.stated} ({each.in_tolerances})" for each in beyond_tolerances(errors)]
+    said = [f"{each.name} is {each.in_tolerances}" for each in beyond_tolerances(errors)]
     beside = f"Beside {hypothesis(model)} and processes, errors are"
     return _listed(f"{beside} beyond their tolerances (--instruments){poses}", said)
 
@@ -353,7 +354,7 @@ def _listed(what: str, said: Sequence[str]) -> str:
 def far_beyond(errors: Sequence[RecordError]) -> str:
     """The largest, in a clause, where a leader with it is no established cause: beyond `FAR_TOLERANCES`; else empty."""
     far = sorted((e for e in errors if abs(e.tolerances) > FAR_TOLERANCES), key=lambda e: -abs(e.tolerances))
-    return "".join(f"{e.name} is {e.stated}, {e.in_tolerances}" for e in far[:1])
+    return "".join(f"{e.name} is {e.in_tolerances}" for e in far[:1])
 
 
 class SizedModel(NullIsNaN):

@@ -1,6 +1,7 @@
 """`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4 and 4.4).
 
-An `IdentificationProblem` has node records, equations, start values, priors and bounds. Its fit is repeated until nodes stay the same.
+An `IdentificationProblem` has node records, equations, start values, priors and bounds; its fit is repeated until
+nodes stay the same.
 """
 
 from __future__ import annotations

@@ -72,24 +72,17 @@ class Block:
     items: tuple[int, ...]
 
     @classmethod
-    def of(
-        cls,
-        rows: IntArray,
-        use: BoolArray,
-        parts: Sequence[FloatArray],
-        errors: Sequence[FloatArray],
-        items: Sequence[int],
-    ) -> Block:
-        """Of those rows that count, `use` (m, 1), columns of each group (m, k), and of errors without a prior and within
-        tolerances (m, k), the latter of these nuisances.
+    def of(cls, rows: IntArray, use: BoolArray, parts: list[FloatArray], free: FloatArray, within: FloatArray) -> Block:
+        """Of those rows that count, `use` (m, 1), the columns of each group, and of nuisances that are free and within
+        tolerances (m, k); which these are is not known here.
         """
         ends, raw = np.cumsum([part.shape[1] for part in parts]).tolist(), np.concatenate(parts, axis=1)
         columns = tuple(slice(end - part.shape[1], end) for end, part in zip(ends, parts, strict=True))
-        free, within = (use * each for each in errors)
-        own, _ = orthonormal(free)
+        own, _ = orthonormal(use * free)
+        within = use * within
         directions, sizes, right = np.linalg.svd(within - own @ (own.T @ within), full_matrices=False)
         shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
-        block = cls(rows, raw, columns, raw, own, directions, shrunk, right.T * (sizes * shrunk), tuple(items))
+        block = cls(rows, raw, columns, raw, own, directions, shrunk, right.T * (sizes * shrunk), ())
         return replace(block, z=block.whitened(use * raw))
 
     @cached_property
@@ -430,7 +423,7 @@ def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProc
         for rates in rates_of_processes(frame, moments, flight, moment):
             white = problem.rows.of_flights[flight].white_moments(rates)
             parts.append(np.concatenate([white, np.zeros_like(white)]))
-        blocks.append(Block.of(rows, use[rows, np.newaxis], parts, (free, within), some))
+        blocks.append(replace(Block.of(rows, use[rows, np.newaxis], parts, free, within), items=tuple(some)))
     groups = (
         *(ProcessGroup(each.name, each.family, each.units, False, each.size, RECORD_AMPLITUDE) for each in drifts),
         *(ProcessGroup(each.name, each.family, "1", True, moment, MOMENT_AMPLITUDE) for each in moments),

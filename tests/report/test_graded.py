@@ -402,7 +402,7 @@ class TestPython:
         update = {"record_errors": errors, "warnings": (beyond_text(errors, "damping"),)}
         named = graded().model_copy(update=update)
         said = "Beside damping and processes, errors are beyond their tolerances (--instruments): "
-        said += "trim C_m0 -0.001 (14.3 times its tolerance)."
+        said += "trim C_m0 is -0.001, 14.3 times its tolerance."
         assert named.conclusion() == f"One sentence.\n{SENTENCE}\n{ADEQUACY_AND_STABILITY}\n{said}"
         assert " ".join(printed(named).split()).count("errors are beyond their tolerances") == 1
         inadequate = graded(None).model_copy(update=update)
