@@ -85,7 +85,7 @@ def test_a_trim_of_the_vehicle_is_in_the_line_that_is_drawn_and_in_the_answer() 
     assert residual < 1.2
     (trim,) = (each for each in comparison.record_errors if each.name == "trim C_m0")
     assert trim.value == pytest.approx(5e-4, rel=0.05)
-    assert "beyond their tolerances (--instruments): trim C_m0 0.000" in comparison.conclusion()
+    assert "beyond their tolerances (--instruments): trim C_m0 is 0.000" in comparison.conclusion()
 
 
 def test_the_shares_of_the_residual_add_up_and_the_json_has_no_histories(at_half_the_rate) -> None:
