@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from operator import attrgetter
 
 import numpy as np
@@ -33,6 +32,7 @@ from brv_hypo.comparison.with_processes import (
     plainest,
     price,
     scanned,
+    squares_of_regions,
     together,
     widened,
     with_its_evidence,
@@ -122,11 +122,7 @@ class Judged:
     @property
     def regions(self) -> int:
         """Regions of the leader with more than a trifle of the squares of the moment that its terms make."""
-        fit = self.leading.fit
-        made = self.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
-        parts = [made[:, [*chain(*each)]].sum(axis=1) for each in fit.regions]
-        squares = np.array([np.sum(np.abs(part) ** 2) for part in parts])
-        return int(np.sum(squares > MOST_REGIONS[1] * squares.sum()))
+        return int(np.sum(squares_of_regions(self.leading) > MOST_REGIONS[1])) if self.leading.fit.selected else 0
 
     @property
     def of_static(self) -> float:

@@ -237,7 +237,7 @@ class Explained(NullIsNaN):
 
 KNOT, WIDTH = " knot", " onset width"  # how names of derived times end
 SAME_TIME = 1e-6  # s
-REMAINS = 0.02  # of the largest value of a mechanism, below which a value is said to be none; wording alone
+REMAINS = 0.1  # of the largest value of a mechanism, below which a value is said to be none; wording alone
 AT_ITS_ENDS = 0.02  # share of a record, at its ends: what changes there is there throughout, as far as a reader goes
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 

@@ -49,6 +49,7 @@ WITH_ONSETS = 3  # of those that come on over a time too, at most
 # Standard errors of a delay at which the evidence is found; of a knot, the last of them is one standard error.
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is that of its interval
+FURTHER_SQUARES = 0.01  # of those that all regions make: one with less describes what is not linear of the others
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most: one more than a name may have
 CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow
 INCONSISTENT = 20.0  # nats by which the level falls with that static moment: another round
@@ -150,10 +151,18 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
             break
         further = _acting_between(mechanism, found[0], frame)
         there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
-        if there.level < own.level + FURTHER_REGION:
+        if there.level < own.level + FURTHER_REGION or np.min(squares_of_regions(there)) < FURTHER_SQUARES:
             break
         pair = there
     return pair
+
+
+def squares_of_regions(pair: Pair) -> FloatArray:
+    """What the terms of each region make of the moment's squares (regions,), over those of all."""
+    fit = pair.fit
+    made = pair.evidence.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
+    squares = np.array([np.sum(np.abs(made[:, [*chain(*each)]].sum(axis=1)) ** 2) for each in fit.regions])
+    return np.asarray(squares / np.sum(squares))
 
 
 def _acting_between(mechanism: Mechanism, shape: Shape, frame: RateFrame) -> list[Regressor]:
