@@ -65,6 +65,8 @@ from brv_hypo.thresholds import MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMA
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
+LINEARISATIONS = 4  # about one hypothesis after the first, at most
+LIKELIER = 3.0  # nats by which each of these has to be likelier
 _SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
@@ -181,7 +183,8 @@ class Searched:
         others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
         null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
         for fit in (self_consistent(self.problem, each) for each in others):
-            found = self._about(self.problem, fit, [*null, fit])
+            point = point_of(self.problem, fit.frame, fit.columns, fit.mechanisms)
+            found = _beside_processes(self._linear(self.problem, fit, point), fit, [*null, fit])
             if found.leading.fit.selected:
                 tried.append((found.absolute, fit))
         best = max(tried, key=lambda each: each[0], default=(-math.inf, None))[1]
@@ -191,26 +194,45 @@ class Searched:
         return found if found.absolute > known.absolute else None
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-        """Hypotheses linear about one. Where another leads there, its residual is more than noise, or it acts in
-        several regions (of which one may be what is not linear of another), the record is linearised about that beside
-        its processes once more; the likelier of both is kept.
-        """
-        first = self._about(self.problem, point, fits)
+        """Hypotheses linear about one, and about another that leads there: the likelier of both."""
+        first = self._settled(self.problem, point, fits)
         leader = likeliest(first.fits)
-        if leader.name == point.name and first.misfit < 1.0 + NOISE_LEVEL[1] and len(leader.regions) < 2:
+        if leader.name == point.name:
             return first
-        second = self._about(first.problem, leader, first.fits, _point_beside(first))
+        second = self._settled(first.problem, leader, first.fits, _point_beside(first))
         if second.absolute > first.absolute:
             return second
         return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == point.name else first
 
-    def _about(
+    def _settled(
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
     ) -> Judged:
+        """Hypotheses linear about one. Where its residual is more than noise, or it acts in several regions (of which
+        one may be what is not linear of another), it alone is linearised about itself beside its processes, step by
+        step, while that makes it likelier: Gauss and Newton's method, with processes.
+        """
+        few: Sequence[HypothesisFit] = [each for each in fits if not each.mechanisms or each.name == fit.name]
+        point = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        here = self._linear(problem, fit, point)
+        known, elsewhere = _beside_processes(here, fit, few), None
+        settled = known.misfit < 1.0 + NOISE_LEVEL[1] and len(known.leading.fit.regions) < 2
+        for _ in range(0 if settled else LINEARISATIONS):
+            leader = known.leading.fit
+            if leader.name != fit.name:
+                break
+            there = self._linear(known.problem, leader, _point_beside(known))
+            found = _beside_processes(there, leader, known.fits)
+            if found.absolute < known.absolute + LIKELIER:
+                elsewhere = explained(found) if found.leading.fit.name == fit.name else None
+                break
+            few, known, here, fit = known.fits, found, there, leader
+        begun = {each.name: each for each in few}
+        every = _beside_processes(here, fit, [begun.get(each.name, each) for each in fits])
+        return replace(every, elsewhere=elsewhere)
+
+    def _linear(self, problem: Problem, fit: HypothesisFit, at: LinearisationPoint) -> tuple[Problem, Problem]:
         self.say(f"linearising about {hypothesis(fit.name)}")
-        at = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
-        whole, there = linearised_about(problem, at, self.reading, self.config)
-        return _beside_processes(whole, there, fit, _renewed(there, fits))
+        return linearised_about(problem, at, self.reading, self.config)
 
 
 def searched(
@@ -257,8 +279,10 @@ def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
     return fit.information + problem.efficiency * problem.rows.rates * levels
 
 
-def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-    """Every hypothesis with its evidence beside processes, which `whole` has; both are linear `about` a fit."""
+def _beside_processes(linear: tuple[Problem, Problem], about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
+    """Every hypothesis with its evidence beside processes; `linear`: the problem about a fit with and without."""
+    whole, problem = linear
+    fits = _renewed(problem, fits)
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
     first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else Pair(e, null) for e in fits]
@@ -365,16 +389,15 @@ def explained(judged: Judged) -> Explained:
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
     made, beside = judged.rows.beside_baseline(leader.terms.x[:, of_terms]), leader.made_of_terms
 
-    def share_of(use: BoolArray) -> FloatArray:
+    def explains(use: BoolArray) -> FloatArray:
         alone = made[use] @ np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
         return np.array([alone, beside[use]]) @ residual[use] / np.sum(residual[use] ** 2)
 
-    shares = np.clip([share_of(stretches != k) for k in (-1, *np.unique(stretches))], 0.0, 1.0)
-    share, *without = shares[:, np.argmax(shares[0])].tolist()
-    error = NORMAL_95 * jackknife_error(np.array(without))
+    shares = np.array([explains(stretches != k) for k in (-1, *np.unique(stretches))])
+    whole, *without = shares[:, np.argmax(shares[0])].tolist()
+    error, share = NORMAL_95 * jackknife_error(np.array(without)), min(max(whole, 0.0), 1.0 - noise)
     ends = [share - error, share + error, *(() if judged.elsewhere is None else judged.elsewhere.interval_95)]
     low, high = np.clip([min(ends), max(ends)], 0.0, 1.0).tolist()
-    noise = min(noise, 1.0 - share)
     rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
     return Explained(share=share, interval_95=(low, high), **rest)
 

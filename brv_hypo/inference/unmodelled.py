@@ -17,6 +17,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
+from brv_hypo.io.text import percent
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
@@ -37,6 +38,7 @@ TURNING_FASTEST = 3.0
 TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
 _Key = TypeVar("_Key")
+_SAME = 1e-6  # of its rms, below which a moment is of the same law
 _SHAPE = "shape"  # the parameter that selects one
 
 
@@ -258,3 +260,31 @@ def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:
     """The selected columns without those that are characteristic of a mechanism."""
     specific = {(mechanism.name, term) for mechanism in fit.mechanisms for term in mechanism.characteristic}
     return tuple(column for column in fit.selected if (column.mechanism, column.term) not in specific)
+
+
+_PLAIN = {
+    "constant in plane": "a constant moment in plane",
+    "constant across": "a constant moment across",
+    "stiffness": "one in proportion to alpha, in plane",
+    "side moment": "one in proportion to alpha, across",
+}
+
+
+def untested_laws(fit: HypothesisFit) -> list[str]:
+    """Coefficients of a hypothesis that, while they act, make a plain moment of another law but for less than the share
+    `OUTSIDE` of its rms, in sentences: what is in proportion to a roll rate that hardly varies.
+    """
+    plain = UnmodelledMoment(shapes=("constant", "stiffness", "side moment"))
+    frame, found = fit.frame.with_mechanisms([*fit.mechanisms, plain]), []
+    every = frame.moments([Regressor(plain.name, name) for name in _PLAIN])
+    made = frame.moments(fit.selected) * fit.values[fit.baseline_size :]
+    for mechanism, term in dict.fromkeys((c.mechanism, c.term) for c in fit.selected if not c.theta):
+        own = made[:, [(c.mechanism, c.term) == (mechanism, term) for c in fit.selected]].sum(axis=1)
+        acts = np.abs(own) > _SAME * np.max(np.abs(own))
+        along = np.real(np.conj(every[acts].T) @ own[acts]) / np.linalg.norm(every[acts], axis=0)
+        unlike = np.sqrt(np.maximum(1.0 - (along / np.linalg.norm(own)) ** 2, 0.0))
+        words, least = list(_PLAIN.values())[int(np.argmin(unlike))], float(np.min(unlike))
+        if _SAME < least < OUTSIDE:
+            but = f"but for {percent(least)} % of its rms: its own law is not tested on this record"
+            found.append(f"While it acts, the moment of {term} ({mechanism}) is {words}, {but}.")
+    return found

@@ -151,7 +151,9 @@ def percents(parts: Sequence[float], digits: int) -> list[str]:
     rounded = [round(100.0 * part, digits) for part in parts]
     rounded[list(parts).index(max(parts))] += 100.0 - sum(rounded)
     least, pairs = 10.0**-digits, zip(parts, rounded, strict=True)
-    return [f"<{least:g}" if part > 0.0 and size < 0.5 * least else f"{size:.{digits}f}" for part, size in pairs]
+    return [
+        f"{size:.{digits}f}" if size > 0.5 * least else f"<{least:g}" if part > 0.0 else "0" for part, size in pairs
+    ]
 
 
 def below_noise(ratio: float) -> str:
