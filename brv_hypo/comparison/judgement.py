@@ -7,7 +7,7 @@ hypothesis, and what may be there instead, gets its evidence there (`inference`)
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
@@ -211,7 +211,7 @@ class Searched:
         one may be what is not linear of another), it alone is linearised about itself beside its processes, step by
         step, while that makes it likelier: Gauss and Newton's method, with processes.
         """
-        few: Sequence[HypothesisFit] = [each for each in fits if not each.mechanisms or each.name == fit.name]
+        few = [each for each in fits if not each.mechanisms or each.name == fit.name]
         point = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
         here = self._linear(problem, fit, point)
         known, elsewhere = _beside_processes(here, fit, few), None
@@ -225,9 +225,8 @@ class Searched:
             if found.absolute < known.absolute + LIKELIER:
                 elsewhere = explained(found) if found.leading.fit.name == fit.name else None
                 break
-            few, known, here, fit = known.fits, found, there, leader
-        begun = {each.name: each for each in few}
-        every = _beside_processes(here, fit, [begun.get(each.name, each) for each in fits])
+            known, here = found, there
+        every = known if len(few) == len(fits) else _beside_processes(here, fit, fits, known)
         return replace(every, elsewhere=elsewhere)
 
     def _linear(self, problem: Problem, fit: HypothesisFit, at: LinearisationPoint) -> tuple[Problem, Problem]:
@@ -279,19 +278,31 @@ def _under_noise(problem: Problem, fit: HypothesisFit) -> float:
     return fit.information + problem.efficiency * problem.rows.rates * levels
 
 
-def _beside_processes(linear: tuple[Problem, Problem], about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
-    """Every hypothesis with its evidence beside processes; `linear`: the problem about a fit with and without."""
-    whole, problem = linear
-    fits = _renewed(problem, fits)
-    rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
-    null = maximised(rows, rows.terms(None), start)
-    first = [with_its_evidence(rows, e, start, null.at, rounds=1) if e.selected else Pair(e, null) for e in fits]
-    pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
+def _beside_processes(
+    linear: tuple[Problem, Problem], about: HypothesisFit, fits: Sequence[HypothesisFit], known: Judged | None = None
+) -> Judged:
+    """Every hypothesis with its evidence beside processes; `linear`: the problem about a fit with and without these.
+    Those `known` there are not tried again.
+    """
+    (whole, problem), done = linear, {} if known is None else {pair.fit.name: pair for pair in known.pairs}
+    rest = {each.name: each for each in _renewed(problem, [fit for fit in fits if fit.name not in done])}
+    if known is None:
+        rows, start = rows_under_own_noise(whole, rest[about.name])
+        null = maximised(rows, rows.terms(None), start)
+    else:
+        rows, start, null = known.rows, known.leading.evidence.at, known.baseline
+    first = dict(done)
+    for name, fit in rest.items():
+        first[name] = Pair(fit, null)
+        if fit.selected:
+            first[name] = with_its_evidence(rows, fit, start, null.at, rounds=1)
+    pairs = _likeliest_forms(problem, [first[fit.name] for fit in fits], null, rows.frame_of(about), done)
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     # What explains little beside processes leads only where its gain, as that counts, is worth its price.
     worth = [k for k, pair in enumerate(pairs) if weighed(pair, null, share_of(pair)) >= 0.0]
     place = max(worth, key=lambda k: pairs[k].possible_level - prices[k])
-    pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+    if pairs[place].fit.name not in done:
+        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair.fit) == acting_in(fit)]
         like, own = min(same, key=lambda pair: len(pair.fit.mechanisms))
@@ -310,11 +321,15 @@ def _beside_processes(linear: tuple[Problem, Problem], about: HypothesisFit, fit
     return Judged(problem, rows, tuple(stated), tuple(own for _, own in pairs), weight)
 
 
-def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
-    """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
+def _likeliest_forms(
+    problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame, done: Collection[str]
+) -> list[Pair]:
+    """Every hypothesis acting when and as it is likeliest, as those `done` are; less is tried of those that are far
+    behind the best.
+    """
     offered, best = [[each] for each in pairs], max(each.level for each in pairs)
     for place in sorted(range(len(pairs)), key=lambda k: -pairs[k].level):
-        if pairs[place].fit.selected:
+        if pairs[place].fit.selected and pairs[place].fit.name not in done:
             offered[place] = in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *(each.level for each in offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
@@ -327,10 +342,10 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
             found[place] = best_of = likelier(some)
         elif best_of.fit.selected:
             alone[best_of.fit.name] = best_of
-        if best_of.fit.selected and best_of.level > least:
+        if best_of.fit.selected and best_of.level > least and best_of.fit.name not in done:
             found[place] = plainest(problem, some, null)
     high = max(each.level for each in found) - WIDENED
-    return [widened(problem, each) if each.level > high else each for each in found]
+    return [widened(problem, e) if e.level > high and e.fit.name not in done else e for e in found]
 
 
 def share_of(pair: Pair) -> float:
