@@ -61,7 +61,7 @@ from brv_hypo.mechanisms.registry import processes_by_name, record_processes
 from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMAL_95, SPECIFIC
+from brv_hypo.thresholds import FAR_PROCESS, MECHANISM_ACTS, MOST_REGIONS, NOISE_LEVEL, NORMAL_95, SPECIFIC
 
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
@@ -207,15 +207,16 @@ class Searched:
     def _settled(
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
     ) -> Judged:
-        """Hypotheses linear about one. Where its residual is more than noise, or it acts in several regions (of which
-        one may be what is not linear of another), it alone is linearised about itself beside its processes, step by
-        step, while that makes it likelier: Gauss and Newton's method, with processes.
+        """Hypotheses linear about one. Where its residual is more than noise, processes are far beyond their ordinary
+        size, or it acts in several regions (of which one may be what is not linear of another), it alone is linearised
+        about itself beside processes, step by step, while it becomes likelier: the method of Gauss and Newton.
         """
         few = [each for each in fits if not each.mechanisms or each.name == fit.name]
         point = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
         here = self._linear(problem, fit, point)
         known, elsewhere = _beside_processes(here, fit, few), None
-        settled = known.misfit < 1.0 + NOISE_LEVEL[1] and len(known.leading.fit.regions) < 2
+        near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)
+        settled = at is None and near and len(known.leading.fit.regions) < 2
         for _ in range(0 if settled else LINEARISATIONS):
             leader = known.leading.fit
             if leader.name != fit.name:

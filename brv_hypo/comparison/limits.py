@@ -113,7 +113,7 @@ def acting_beside(
     size: such processes may replace it. None where none is, and of a leader that is a sum, or the baseline only.
     """
     own, listed = {each.name for each in leader.mechanisms}, [{m.name for m in group} for group in hypotheses.values()]
-    if len(own) != 1 or not evidence.has_large_processes:
+    if len(own) != 1 or not evidence.has_processes_above(1.0):
         return None
     frame, small = evidence.rows.frame_of(leader), evidence.beside_small
     others = {m.name: m for group in hypotheses.values() for m in group if own | {m.name} not in listed}

@@ -101,10 +101,10 @@ class Evidence(_Integrated):
         """Noise over that measured in the record, from differences of its samples."""
         return float(np.exp(self.at[0]))
 
-    @property
-    def has_large_processes(self) -> bool:
-        """Whether the amplitude of any process is above its ordinary one."""
-        return bool(np.any(self.at[1 : 1 + len(self.rows.groups)] > [group.prior[0] for group in self.rows.groups]))
+    def has_processes_above(self, times: float) -> bool:
+        """Whether the amplitude of any process is above so many times its ordinary one."""
+        ordinary = np.array([group.prior[0] for group in self.rows.groups])
+        return bool(np.any(self.at[1 : 1 + ordinary.size] > ordinary + np.log(times)))
 
     @property
     def beside_small(self) -> Evidence:
@@ -119,7 +119,7 @@ class Evidence(_Integrated):
     @property
     def of_both_sizes(self) -> tuple[Evidence, ...]:
         """Itself and, where its processes are large, the same beside small ones: large ones make up for a mechanism."""
-        return (self, self.beside_small) if self.has_large_processes else (self,)
+        return (self, self.beside_small) if self.has_processes_above(1.0) else (self,)
 
     @property
     def residual(self) -> FloatArray:
