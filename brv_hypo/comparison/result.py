@@ -487,6 +487,8 @@ class Comparison(HasCharts, Result):
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines = [" ".join(filter(None, (self.verdict.reason, self._when())))]
+        if self.verdict.winner is None and self.reconstruction.warnings:
+            lines.append(f"What limits the motion: {self.reconstruction.warnings[0]}.")
         found, fits = self.verdict.explained, self.verdict.adequacy
         if found is not None:
             low, high = found.interval_95

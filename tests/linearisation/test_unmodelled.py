@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,11 +16,12 @@ from brv_hypo.inference.unmodelled import (
     UnmodelledMoment,
     turning_moment,
     unmodelled_moments,
+    untested_laws,
 )
-from brv_hypo.mechanisms import Parameter, Term, find
-from brv_hypo.model.term import candidates, theta_grid
+from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
+from brv_hypo.model.term import Regressor, TimeBasis, candidates, theta_grid
 from brv_hypo.motion.motion import Motion
-from tests.comparison.pulse import problem
+from tests.comparison.pulse import fitted, problem
 
 
 @pytest.mark.parametrize(
@@ -131,3 +133,31 @@ def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) 
 def test_there_is_none_where_it_can_turn_by_no_half_turn() -> None:
     start = float(problem().frame.time[0])
     assert turning_moment(problem(), [], start, start + 1e-3) is None
+
+
+class SideByRoll(Mechanism):
+    """Across the plane of alpha: in proportion to the roll rate, which hardly varies here, or to the transverse one."""
+
+    name, title, claims, source = "side_by_roll", "a side moment by a rate", "none", "a test"
+    by_roll: bool
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        return (Term("k", np.zeros_like(motion.alpha), (motion.p if self.by_roll else motion.q) * motion.rate_factor),)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "said"),
+    [(SideByRoll(by_roll=True), ["a constant moment across"]), (SideByRoll(by_roll=False), []), (find("inplane"), [])],
+    ids=["roll rate", "transverse rate", "in plane"],
+)
+def test_a_law_that_a_record_does_not_test_is_said(mechanism: Mechanism, said: list[str]) -> None:
+    """The roll rate varies by some per cent, a transverse rate oscillates; a constant has no other law than its own."""
+    own = problem()
+    frame = own.frame.with_mechanisms([mechanism])
+    terms = [term.name for term in mechanism.terms(frame.motions[0], {})]
+    selected = [Regressor(mechanism.name, name, (), TimeBasis("jump", at)) for name in terms for at in (2.0, 3.0)]
+    values = np.array([*np.ones(len(own.baseline)), *(sign for _ in terms for sign in (1.0, -1.0))])
+    fit = replace(fitted("none"), mechanisms=(mechanism,), frame=frame, columns=(*own.baseline, *selected))
+    found = untested_laws(replace(fit, values=values))
+    assert len(found) == len(said)
+    assert all(law in text and "(side_by_roll)" in text for law, text in zip(said, found, strict=True))
