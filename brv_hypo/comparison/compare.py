@@ -25,7 +25,7 @@ from brv_hypo.comparison.limits import acting_beside, limits
 from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, motion_summary, record_summary, refused, summarise
-from brv_hypo.comparison.with_processes import beside_leader
+from brv_hypo.comparison.with_processes import FURTHER_SQUARES, beside_leader, squares_of
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -223,6 +223,9 @@ def _second(beside: Judged, hypotheses: Hypotheses) -> tuple[str, str]:
     both = beside_leader(beside.problem, pair, second.mechanism)
     weight = beside.weight * judgement.share_of(both) / judgement.share_of(pair)
     if judgement.weighed(both, null, weight) <= judgement.weighed(pair, null, weight):
+        return "", ""
+    parts = [[k for k, c in enumerate(both.fit.selected) if c.mechanism == each.name] for each in both.fit.mechanisms]
+    if np.min(squares_of(both, parts)) < FURTHER_SQUARES:
         return "", ""
     return second.mechanism.name, " to ".join(at(beside.problem.frame.common, end) for end in second.shape.region)
 

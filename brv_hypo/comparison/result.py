@@ -147,8 +147,12 @@ class RankedHypothesis(NullIsNaN):
             return "Its own moment is not known: processes, or its parts, may cancel it."
         whole, acts = (sum(x.stop_s - x.start_s for x in some) for some in (self.intervals, self.acting))
         more, known = float(np.sqrt(whole / (acts or whole))), np.isfinite(self.rms_moment)
-        high = number(more * (self.rms_moment if known else 100.0 * share), 2)
-        then = f" ({high} while acting)" if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole else ""
+        high = more * (self.rms_moment if known else 100.0 * share)
+        then = (
+            f" ({estimated(high, high * sigma / share)} while acting)"
+            if 0.0 < acts < (1.0 - AT_ITS_ENDS) * whole
+            else ""
+        )
         part = f"{estimated(100.0 * share, 100.0 * sigma)} % of the record's"
         newtons = estimated(self.rms_moment, self.rms_moment * sigma / share) if known else ""
         made = f"{newtons} N m{then}, {part}" if known else f"{part}{then}"
@@ -568,10 +572,12 @@ class Comparison(HasCharts, Result):
         begins, ended = ends[0] - first < AT_ITS_ENDS * (last - first), last - ends[1] < AT_ITS_ENDS * (last - first)
         if begins and ended:
             return f"{best} acts throughout the record.{size}"
+        wide = [width.value for knot, width in leader.changes if width is not None and knot.value == ends[0]]
+        over = "".join(f"; it comes on over {number(width, 2)} s" for width in wide[:1])
         # What is at an end of the record is no event.
         beyond = ", and perhaps before the record" * begins + ", and perhaps after the record" * ended
         known = "" if np.isnan(self.mach_at(ends[0])) else f" (Mach {machs})"
-        return f"{best} acts from {times(*ends)}{known}{beyond}.{size}"
+        return f"{best} acts from {times(*ends)}{known}{beyond}{over}.{size}"
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, by rank, and last `other`, which has a probability alone.

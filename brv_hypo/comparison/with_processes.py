@@ -159,9 +159,14 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
 
 def squares_of_regions(pair: Pair) -> FloatArray:
     """What the terms of each region make of the moment's squares (regions,), over those of all."""
+    return squares_of(pair, [list(chain(*each)) for each in pair.fit.regions])
+
+
+def squares_of(pair: Pair, parts: Sequence[Sequence[int]]) -> FloatArray:
+    """Of parts of the terms, by their places, the squares of the moment that each makes, over those of all (parts,)."""
     fit = pair.fit
     made = pair.evidence.rows.frame_of(fit).moments(fit.selected) * fit.values[fit.baseline_size :]
-    squares = np.array([np.sum(np.abs(made[:, [*chain(*each)]].sum(axis=1)) ** 2) for each in fit.regions])
+    squares = np.array([np.sum(np.abs(made[:, list(each)].sum(axis=1)) ** 2) for each in parts])
     return np.asarray(squares / np.sum(squares))
 
 
