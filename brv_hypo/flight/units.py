@@ -65,6 +65,7 @@ RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
         "kft/s": ("kftps", "kfts", "kft s"),
         "km/hour": ("kmh", "kph", "km h"),
         "knot": ("kt", "kts", "kn"),
+        "mph": ("mph",),
     },
     "pressure": {unit: (unit.lower(),) for unit in ("Pa", "psf", "kPa", "hPa", "psi", "mbar")},
     "density": {"kg/m^3": ("kgm3", "kg m3"), "g/m^3": ("gm3", "g m3"), "slug/ft^3": ("slugft3", "slug ft3")},

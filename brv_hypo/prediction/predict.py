@@ -157,6 +157,7 @@ def _predict(
     errors = ErrorsOfPrediction(
         without=measured.mean_square(),
         frozen=left.mean_square(),
+        within=left_within.mean_square(),
         own=own.mean_square(),
         noise=measured.mean_square_of_noise(),
     )

@@ -17,7 +17,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import RAISED, share
+from brv_hypo.io.text import RAISED
 from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.report.document import (
@@ -398,8 +398,8 @@ def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     return Chart(*named, panels, path=path, caption=read)
 
 
-def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
-    """Bars of those that are known, in percent; nothing where none is."""
+def share_bars(shares: Mapping[str, float], written: Callable[[float], str], roles: Mapping[str, Role]) -> list[Panel]:
+    """Bars of those that are known, in percent, of the first role unless `roles` says; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    bars = Bars(list(known), [100.0 * each for each in known.values()], list(map(written, known.values())), role)
-    return [Panel("", [bars])] if known else []
+    bars = [Bars([name], [100.0 * each], [written(each)], roles.get(name, "first")) for name, each in known.items()]
+    return [Panel("", bars)] if bars else []

@@ -92,7 +92,7 @@ def ranking_table(comparison: result.Comparison) -> Table:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
         rows.append(nothing | {"mechanism": result.OTHER, "prob.": probability(verdict.probability[result.OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    heading = "Hypotheses, by evidence (bold: credible; F-ratio, C_p: fits without processes)"
+    heading = "Hypotheses, by evidence (bold, •: credible; F-ratio, C_p: no processes)"
     return Table(rows, heading, words=("mechanism",), marked=credible)
 
 
