@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -68,21 +68,28 @@ def new_plugin(
     effect: Annotated[
         bool, Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
     ] = False,
+    process: Annotated[bool, Option("--process", help="A process of the moment instead.")] = False,
     directory: Annotated[
-        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into; made if need be.")
     ] = Path(),
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
-    written = write_plugin(name, directory, effect=effect)
-    part = "components and perturb" if effect else "the terms"
+    if effect and process:
+        raise UsageError("--effect and --process are two kinds of plugin: give one of them.")
+    kind: PluginKind = "effect" if effect else "process" if process else "mechanism"
+    written = write_plugin(name, directory, kind)
+    part = {"effect": "components and perturb", "process": "shapes and splines", "mechanism": "the terms"}[kind]
     session.show(
         f"Wrote {written}. Next:\n  pip install -e '{written}[test]'\n  brv-hypo mechanisms check {name}\n"
         f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
 
 
-def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
-    """A plugin package for the mechanism, or with `effect` the record effect, `name`, in a new directory in `parent`.
+PluginKind = Literal["mechanism", "effect", "process"]
+
+
+def write_plugin(name: str, parent: Path, kind: PluginKind = "mechanism") -> Path:
+    """A plugin package for the mechanism, record effect or process `name`, in a new directory in `parent`.
     Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name == "none":
@@ -91,12 +98,12 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
             "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
         )
     words, module, distribution = name.replace("_", " "), f"brv_hypo_{name}", f"brv-hypo-{name.replace('_', '-')}"
-    kind, what, use = "module", "mechanism", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
-    if effect:
-        kind, what, use = "effect", "record effect", "brv-hypo trace flight.h5"
+    is_effect, compare = kind == "effect", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
+    what, use = ("record effect", "brv-hypo trace flight.h5") if is_effect else (kind, compare)
     values = {"name": name, "module": module, "distribution": distribution, "title": words, "what": what, "use": use}
-    values |= {"klass": words.title().replace(" ", ""), "topic": what.split()[-1]}
+    values |= {"klass": words.title().replace(" ", ""), "topic": "effect" if is_effect else "mechanism"}
     parts = {f"{kind}.py": f"{module}.py", f"test_{kind}.py": f"tests/test_{module}.py"}
+    make_folder(parent)
     with whole_folder(parent / distribution) as folder:
         (folder / "tests").mkdir()
         for template in ("pyproject.toml", "README.md", *parts):
