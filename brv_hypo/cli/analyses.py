@@ -139,7 +139,7 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
     records = [session.load(path) for path in flights]
-    unless = ", a third of that where the residual is noise"
+    unless = ", a third of that where the residual is noise, twice where much is found"
     with session.progress("tracing", expected_seconds(records, TRACED), unless) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])

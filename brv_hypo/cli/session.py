@@ -387,7 +387,7 @@ class Session:
         """What long work reports to, on standard error, never with -q; how long it takes if long, and `unless` what."""
         if seconds > LONG_SECONDS and not self.quiet:
             length = f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
-            self.warn(f"{title} takes about {length}{unless}")
+            self.warn(f"{title} takes about {length} of a free processor{unless}")
         return shown(title, quiet=self.quiet)
 
 

@@ -217,7 +217,7 @@ def next_step(result: Trace) -> str:
     first = weighed if named or described else ""
     return (
         f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml{plugins}`, with what --write-model MODEL.yaml "
-        "writes here, tells whether it holds on another flight."
+        "writes here, which has hints too (as --json), tells whether it holds on another flight."
     )
 
 
