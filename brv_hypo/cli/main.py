@@ -9,6 +9,7 @@ import json
 import keyword
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -74,8 +75,6 @@ def new_plugin(
     ] = Path(),
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
-    if effect and process:
-        raise UsageError("--effect and --process are two kinds of plugin: give one of them.")
     kind: PluginKind = "effect" if effect else "process" if process else "mechanism"
     written = write_plugin(name, directory, kind)
     part = {"effect": "components and perturb", "process": "shapes and splines", "mechanism": "the terms"}[kind]
@@ -122,13 +121,14 @@ def check(
     session.claim()
     from brv_hypo.mechanisms import find_installed
     from brv_hypo.mechanisms.conformance import conformance
-    from brv_hypo.report.listings import conformance_data, conformance_table
+    from brv_hypo.report.listings import conformance_table
 
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
     session.show(conformance_table(name, outcomes), conclusion=passed)
-    session.write_json(conformance_data(name, outcomes))
+    known = {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": not failed}
+    session.write_json({**known, "checks": [asdict(outcome) for outcome in outcomes]})
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
         raise typer.Exit(1)

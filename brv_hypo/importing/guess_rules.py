@@ -66,10 +66,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }  # fmt: skip
 # Words that turn about the sense of a channel, in a column's name.
-_AGAINST: Mapping[str, tuple[str, ...]] = {
-    "ax": ("aft",), "ay": ("port", "left"), "az": ("up",),
-    "p": ("port", "left"), "q": ("down", "dn"), "r": ("port", "left"),
-}  # fmt: skip
+_AGAINST = {"ax": ("aft",), "az": ("up",), "q": ("down", "dn")} | dict.fromkeys(("ay", "p", "r"), ("port", "left"))
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n", "sf")),

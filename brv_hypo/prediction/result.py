@@ -152,9 +152,8 @@ class Prediction(HasCharts, Result):
     @property
     def brief(self) -> str:
         """For one line: what the model leaves, and what differs most."""
-        differs = self.difference if self.difference is not None and self.difference.p_value < REFUSED else None
-        most = differs or self.local_change
-        return f"{self.leaves}{f'; {most.term} differs by {_size(most)}' if self.refused and most else ''}"
+        known = [each for each in (self.difference, self.local_change) if each is not None and each.p_value < REFUSED]
+        return "; ".join([self.leaves, *(f"{most.term} differs by {_size(most)}" for most in known[:1])])
 
     @property
     def leaves(self) -> str:

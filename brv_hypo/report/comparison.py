@@ -285,13 +285,11 @@ def _compared(comparison: Comparison) -> list[Block]:
     panels, read = charts.share_bars(shares, probability, {}), "Other: something that is not on the list."
     likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
     smallest = sorted(comparison.verdict.limits, key=lambda limit: np.nan_to_num(limit.share_of_moment_95, nan=np.inf))
-    shares, roles = dict[str, float](), dict[str, Role]()
+    leader, shares = comparison.ranking[0].mechanism if rows else "", dict[str, float]()
     for limit in smallest:
-        leads = limit.mechanism == comparison.ranking[0].mechanism
-        name = f"{limit.mechanism}{' (leader)' if leads else ''}"
-        parts = {f"{name}, throughout": limit.share_of_moment_95, f"{name}, in a part": limit.share_in_part_95}
-        shares |= parts
-        roles |= dict.fromkeys(parts, "first" if leads else "third")
+        name = f"{limit.mechanism} (leader)" if limit.mechanism == leader else limit.mechanism
+        shares |= {f"{name}, throughout": limit.share_of_moment_95, f"{name}, in a part": limit.share_in_part_95}
+    roles: dict[str, Role] = {name: "first" if "(leader)" in name else "third" for name in shares}
     panels = charts.share_bars(shares, share, roles)
     named = "limits", "Upper limits", "largest share of the moment's rms, %"
     read = (

@@ -167,12 +167,6 @@ def conformance_table(name: str, outcomes: Sequence[CheckOutcome]) -> Table:
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 
 
-def conformance_data(name: str, outcomes: Sequence[CheckOutcome]) -> dict[str, Any]:
-    """The same as data for JSON."""
-    passed, checks = all(outcome.passed for outcome in outcomes), [asdict(outcome) for outcome in outcomes]
-    return {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": passed, "checks": checks}
-
-
 def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
     """What was flown and planted, and how large that is; `verbose` adds each error of record and vehicle."""
     flight, config = flown.flight, flown.config

@@ -174,8 +174,6 @@ class Store:
         self._path = folder / FLIGHTS
         make_folder(folder)
         check_target(self._path, overwrite=True)
-        if (folder / "flights.jsonl").exists() and not self._path.exists() and not overwrite:
-            raise UsageError(f"{folder} holds a study of an earlier version. Choose another folder, or give --force.")
         with _refusals(self._path):
             self._database = sqlite3.connect(self._path, timeout=0.0, isolation_level=None)
         try:
