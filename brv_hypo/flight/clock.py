@@ -67,13 +67,11 @@ def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Fl
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
     if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:
-        raise refusal(
-            "time",
-            f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart",
-            "a record without jumps that dwarf it",
-            "a wrong stamp, a clock reset, or two flights in one record",
-            "correct the stamps, or split the record",
-        )
+        found = f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart"
+        expected = "a record without jumps that dwarf it"
+        cause = "a wrong stamp, a clock reset, or two flights in one record"
+        remedy = "correct the stamps, or split the record"
+        raise refusal("time", found, expected, cause, remedy)
     slope, offset = np.polyfit(index, time - time[0], 1)
     deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
     grid, notes = time[0] + offset + slope * np.arange(index[-1] + 1), list[str]()
