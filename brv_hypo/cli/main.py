@@ -297,16 +297,9 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
+_FLYING = (flights.demo, flights.simulate, flights.reconstruct)
 _JUDGING = (analyses.compare, analyses.trace, analyses.predict, analyses.study)
-for _command in (
-    flights.demo,
-    flights.simulate,
-    flights.reconstruct,
-    *_JUDGING,
-    flights.inspect,
-    flights.import_,
-    docs,
-):
+for _command in (*_FLYING, *_JUDGING, flights.inspect, flights.import_, docs):
     app.command(_command.__name__.rstrip("_"))(_command)
 app.add_typer(mechanisms_app, name="mechanisms")
 app.add_typer(config_app, name="config")

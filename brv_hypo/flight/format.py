@@ -17,6 +17,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.flight import tolerances
 from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
@@ -36,15 +37,7 @@ from brv_hypo.flight.record import (
     validated,
     write_with,
 )
-from brv_hypo.flight.tolerances import (
-    DEFAULT_GRADE,
-    INSTRUMENT_DIMENSIONS,
-    Instruments,
-    check_known,
-    instruments_from,
-    of_grade,
-    with_stated,
-)
+from brv_hypo.flight.tolerances import DEFAULT_GRADE, INSTRUMENT_DIMENSIONS, Instruments, instruments_from, of_grade
 from brv_hypo.flight.units import SI, Dimension, to_si
 from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, one_line, refusal
@@ -318,12 +311,12 @@ def _instruments(group: Tree | None) -> Instruments:
     """The tolerances that the record states, over those of its grade."""
     if group is None:
         return of_grade()
-    check_known(sorted(group.unread))
+    tolerances.check_known(sorted(group.unread))
     try:
         base = of_grade(str(group.attributes.get("grade", DEFAULT_GRADE)))
     except UsageError as unknown:
         raise FlightRecordError(f"group 'instruments', attribute 'grade': {unknown}") from None
-    return with_stated(base, _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
+    return tolerances.with_stated(base, _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
 
 
 def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension], group: str) -> Channels:

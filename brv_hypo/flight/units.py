@@ -20,20 +20,8 @@ from brv_hypo.io.text import refusal
 if TYPE_CHECKING:
     import pint
 
-Dimension = Literal[
-    "time",
-    "angular rate",
-    "acceleration",
-    "speed",
-    "pressure",
-    "density",
-    "length",
-    "area",
-    "mass",
-    "moment of inertia",
-    "angle",
-    "dimensionless",
-]
+OfMotion = Literal["time", "angular rate", "acceleration", "speed", "angle", "dimensionless"]
+Dimension = Literal[OfMotion, "pressure", "density", "length", "area", "mass", "moment of inertia"]
 
 # Units that recorders write, by dimension: SI, then the likelier first, each with the words that end a column's name.
 RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
