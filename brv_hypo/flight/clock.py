@@ -34,7 +34,6 @@ MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh
 ROUNDED_WITHIN = 0.6  # last digits of stamps, from an even clock: half of one, and some for what was rounded twice
 ROUNDED_FINELY = 0.25  # steps: a coarser digit tells no rate
-MOST_DIGITS = 9  # decimals of stamps in s
 CLOCK_FLANK = 6  # samples on either side of an odd interval
 # A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
 # deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
@@ -93,7 +92,7 @@ def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Fl
 def _last_digit(time: FloatArray) -> float:
     """The decimal digit, s, that all stamps (n,) are whole multiples of; 0 where they have too many."""
     rounding = 4.0 * np.spacing(np.max(np.abs(time)))
-    digits = (10.0**-places for places in range(MOST_DIGITS))
+    digits = (10.0**-places for places in range(9))
     return next((each for each in digits if np.all(np.abs(time - each * np.rint(time / each)) <= rounding)), 0.0)
 
 

@@ -70,6 +70,7 @@ _SHADES = {"masked": "--masked", "first": "--first-band"}
 _NAME = 13  # height of a mark's name, px
 _WHOLE = 9  # a table of more columns takes the whole width of the page
 _NARROW = 4  # a table of more columns does not fit a third of it
+_NO_ID = re.compile(r"(<.*?>|[^a-z0-9])+")  # what an id of a heading has no letters for
 _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
@@ -259,7 +260,7 @@ def render(template: str, **values: Any) -> str:
     loader = PackageLoader("brv_hypo.report", "page")
     known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
-    known.filters |= {"csv": _as_csv, "slug": _slug}
+    known.filters |= {"csv": _as_csv, "slug": lambda heading: _NO_ID.sub("-", heading.lower()).strip("-")}
     known.filters["folding"] = lambda words: escape(words).replace("_", Markup("_<wbr>"))
     known.tests["table"] = lambda block: isinstance(block, Table)
     known.tests["picture"] = lambda block: isinstance(block, Chart)
@@ -297,11 +298,6 @@ def _cell(group: Sequence[Block]) -> dict[str, Any]:
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
     wide = columns > _NARROW or any(chart.over_time or chart.path or chart.counted for chart in pictures)
     return {"blocks": group, "whole": columns > _WHOLE, "wide": wide}
-
-
-def _slug(heading: str) -> str:
-    """The heading as an id: in small letters, figures and hyphens."""
-    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"<.*?>", "", heading).lower()).strip("-")
 
 
 def _as_csv(table: Table) -> str:
