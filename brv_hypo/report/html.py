@@ -70,7 +70,7 @@ _SHADES = {"masked": "--masked", "first": "--first-band"}
 _NAME = 13  # height of a mark's name, px
 _WHOLE = 9  # a table of more columns takes the whole width of the page
 _NARROW = 4  # a table of more columns does not fit a third of it
-_NO_ID = re.compile(r"(<.*?>|[^a-z0-9])+")  # what an id of a heading has no letters for
+_TAG = re.compile("<.*?>")
 _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
@@ -260,7 +260,8 @@ def render(template: str, **values: Any) -> str:
     loader = PackageLoader("brv_hypo.report", "page")
     known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
-    known.filters |= {"csv": _as_csv, "slug": lambda heading: _NO_ID.sub("-", heading.lower()).strip("-")}
+    known.filters["slug"] = lambda heading: re.sub(r"[^a-z0-9]+", "-", _TAG.sub("", heading).lower()).strip("-")
+    known.filters["csv"] = _as_csv
     known.filters["folding"] = lambda words: escape(words).replace("_", Markup("_<wbr>"))
     known.tests["table"] = lambda block: isinstance(block, Table)
     known.tests["picture"] = lambda block: isinstance(block, Chart)
