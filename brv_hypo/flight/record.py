@@ -15,17 +15,8 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    SkipValidation,
-    StringConstraints,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+import pydantic
+from pydantic import BaseModel, ConfigDict, Field, SkipValidation, ValidationError, model_validator
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
@@ -42,7 +33,7 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
 Channels = dict[str, FloatArray]
 
-Line = Annotated[str, AfterValidator(one_line)]
+Line = Annotated[str, pydantic.AfterValidator(one_line)]
 Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 write_with: list[Callable[..., None]] = []
@@ -308,7 +299,7 @@ class Record(BaseModel):
     channels: SkipValidation[Mapping[str, FloatArray]]  # (n,) each, NaN where a sample is missing
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
-    planet: Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
+    planet: Annotated[str, pydantic.StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
     title: Line = ""
     source: Line = ""
     path: str = ""
@@ -413,7 +404,7 @@ def _check_size(name: str, values: FloatArray) -> None:
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        return TypeAdapter(model).validate_python(dict(data))
+        return pydantic.TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         for own in (problem.get("ctx", {}).get("error") for problem in error.errors()):
             if isinstance(own, FlightRecordError):

@@ -288,7 +288,8 @@ def _compared(comparison: Comparison) -> list[Block]:
     leader, shares = comparison.ranking[0].mechanism if rows else "", dict[str, float]()
     for limit in smallest:
         name = f"{limit.mechanism} (leader)" if limit.mechanism == leader else limit.mechanism
-        shares |= {f"{name}, throughout": limit.share_of_moment_95, f"{name}, in a part": limit.share_in_part_95}
+        whole = f"{name}, throughout" if np.isfinite(limit.share_in_part_95) else name
+        shares |= {whole: limit.share_of_moment_95, f"{name}, in a part": limit.share_in_part_95}
     roles: dict[str, Role] = {name: "first" if "(leader)" in name else "third" for name in shares}
     panels = charts.share_bars(shares, share, roles)
     named = "limits", "Upper limits", "largest share of the moment's rms, %"

@@ -29,23 +29,8 @@ from pydantic import BaseModel
 from brv_hypo import __version__
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import runs
-from brv_hypo.report.document import (
-    MOST_OF_A_PATH,
-    Band,
-    Bars,
-    Block,
-    Chart,
-    Document,
-    Layer,
-    Line,
-    Panel,
-    Section,
-    Table,
-    Values,
-    flat,
-    named,
-    thinned,
-)
+from brv_hypo.report import document
+from brv_hypo.report.document import Band, Bars, Block, Chart, Line, Section, Table, Values, flat, named, thinned
 
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
@@ -84,7 +69,7 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
     shared = {"time": chart.over_time, "height": height, "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
-        histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
+        histories = {name: _bits(thinned(values, document.MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
         rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
         titles = {"xTitle": chart.x, "yTitle": path.y_title}
         return {"path": {**histories, **rule, **titles, "axis": _AXIS}, **shared}
@@ -157,7 +142,7 @@ def _bars(layer: Bars) -> list[dict[str, Any]]:
     return [{**bars, **drawn, **error, "name": layer.name, "marker": {"color": f"--{layer.role}"}}]
 
 
-_TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
+_TRACES: dict[type[document.Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
 
 
 def _layout(chart: Chart) -> dict[str, Any]:
@@ -198,7 +183,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
     return layout
 
 
-def _decades(panel: Panel) -> dict[str, Any]:
+def _decades(panel: document.Panel) -> dict[str, Any]:
     """Ticks at powers of ten alone, where the values span enough of them."""
     values = [np.asarray(layer.y, dtype=float) for layer in panel.layers if isinstance(layer, Line)]
     positive = np.concatenate([each[each > 0.0] for each in values]) if values else np.ones(1)
@@ -240,15 +225,15 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 # ---- The page: templates in `page/`, and what they need ----
 
 
-def page(document: Document, provenance: Mapping[str, str] = {}) -> str:
+def page(content: document.Document, provenance: Mapping[str, str] = {}) -> str:
     """The whole file: conclusion, contents, sections, and at the foot where it came from and how to make it again."""
-    drawn = [plotly_chart(chart) for chart in document.charts]
+    drawn = [plotly_chart(chart) for chart in content.charts]
     data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
     return render(
         "page.html.j2",
-        document=document,
-        answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
-        parts=_parts(document.blocks),
+        document=content,
+        answer=list(map(_cell, _groups((*content.ahead, *content.beside)))),
+        parts=_parts(content.blocks),
         provenance={"version": f"brv-hypo {__version__}", **provenance},
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",

@@ -192,7 +192,7 @@ class TestTerminal:
         (chart,) = (c for c in comparison_document(graded(limits=(hides, leads))).charts if c.name == "limits")
         bars = [layer for layer in chart.panels[0].layers if isinstance(layer, Bars)]
         assert [(*bar.names, bar.role) for bar in bars] == [
-            ("damping (leader), throughout", "first"),
+            ("damping (leader)", "first"),
             ("bodyfixed, throughout", "third"),
             ("bodyfixed, in a part", "third"),
         ]
