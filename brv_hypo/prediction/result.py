@@ -145,9 +145,9 @@ class Prediction(HasCharts, Result):
         contradicted = "is contradicted" if self.is_contradicted else "is not contradicted"
         chances = [each.p_value for each in (self.difference, self.local_change) if each is not None]
         least = min(*chances, self._chance, 1.0)
-        said = f"p-value {p_value(least)}" if least < REFUSED else "tested"
-        said += f" on {percent_of(self.flown)} of the samples" if self.extrapolates else ""
-        return f"Prediction: the model{self.without} {contradicted}{'' if said == 'tested' else f' ({said})'}"
+        said = [f"p-value {p_value(least)}"] if least < REFUSED else []
+        said += [f"tested on {percent_of(self.flown)}{'' if said else ' of the samples'}"] if self.extrapolates else []
+        return f"Prediction: the model{self.without} {contradicted}{' ({})'.format(', '.join(said)) if said else ''}"
 
     @property
     def brief(self) -> str:
