@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from os import cpu_count
 from pathlib import Path
@@ -10,18 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from brv_hypo.cli.session import (
-    ANALYSIS,
-    AcceptRecord,
-    FlightFile,
-    FlightFiles,
-    Seed,
-    Session,
-    as_json,
-    complete_hypotheses,
-    complete_studies,
-    in_session,
-)
+from brv_hypo.cli.session import ANALYSIS, FlightFile, FlightFiles, Seed, Session, as_json, complete_studies, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import read_mapping
@@ -44,6 +34,15 @@ def expected_seconds(flights: Sequence[Flight], seconds: float) -> float:
     return sum(seconds * (1.0 + each / SLOWING_CYCLES) for each in cycles)
 
 
+def complete_hypotheses(incomplete: str) -> list[str]:
+    """A list of mechanisms, the last of which is not whole yet; commas and pluses are between them."""
+    from brv_hypo.mechanisms.registry import mechanisms
+
+    before = re.sub(r"[^,+]*$", "", incomplete)
+    names = (before + name for name in sorted(mechanism.name for mechanism in mechanisms()))
+    return [name for name in names if name.startswith(incomplete)]
+
+
 _HYPOTHESES = (
     "As lag,sticking+bodyfixed (+ joins two); installed: all of kind mechanism; left out: the five, and --plugin's."
 )
@@ -57,7 +56,9 @@ def compare(
     session: Session,
     flights: FlightFiles,
     mechanisms: Mechanisms = None,
-    accept_record: AcceptRecord = False,
+    accept_record: Annotated[
+        bool, Option("--accept-record", help="Go on with a record that contradicts itself.")
+    ] = False,
     seed: Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
@@ -139,7 +140,7 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = settings_of(TraceConfig, session.config, chosen)
     records = [session.load(path) for path in flights]
-    unless = ", a third of that where the residual is noise"
+    unless = ", a third of that where the residual is noise, twice where much is found"
     with session.progress("tracing", expected_seconds(records, TRACED), unless) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])

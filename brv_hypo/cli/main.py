@@ -9,10 +9,11 @@ import json
 import keyword
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -68,21 +69,26 @@ def new_plugin(
     effect: Annotated[
         bool, Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
     ] = False,
+    process: Annotated[bool, Option("--process", help="A process of the moment instead.")] = False,
     directory: Annotated[
-        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into; made if need be.")
     ] = Path(),
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
-    written = write_plugin(name, directory, effect=effect)
-    part = "components and perturb" if effect else "the terms"
+    kind: PluginKind = "effect" if effect else "process" if process else "mechanism"
+    written = write_plugin(name, directory, kind)
+    part = {"effect": "components and perturb", "process": "shapes and splines", "mechanism": "the terms"}[kind]
     session.show(
         f"Wrote {written}. Next:\n  pip install -e '{written}[test]'\n  brv-hypo mechanisms check {name}\n"
         f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
 
 
-def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
-    """A plugin package for the mechanism, or with `effect` the record effect, `name`, in a new directory in `parent`.
+PluginKind = Literal["mechanism", "effect", "process"]
+
+
+def write_plugin(name: str, parent: Path, kind: PluginKind = "mechanism") -> Path:
+    """A plugin package for the mechanism, record effect or process `name`, in a new directory in `parent`.
     Returns the directory, `brv-hypo-<name>`. Raises UsageError for a name that cannot be one, or where it exists.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name == "none":
@@ -91,12 +97,12 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
             "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
         )
     words, module, distribution = name.replace("_", " "), f"brv_hypo_{name}", f"brv-hypo-{name.replace('_', '-')}"
-    kind, what, use = "module", "mechanism", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
-    if effect:
-        kind, what, use = "effect", "record effect", "brv-hypo trace flight.h5"
+    is_effect, compare = kind == "effect", f"brv-hypo compare flight.h5 --mechanisms {name},sticking"
+    what, use = ("record effect", "brv-hypo trace flight.h5") if is_effect else (kind, compare)
     values = {"name": name, "module": module, "distribution": distribution, "title": words, "what": what, "use": use}
-    values |= {"klass": words.title().replace(" ", ""), "topic": what.split()[-1]}
+    values |= {"klass": words.title().replace(" ", ""), "topic": "effect" if is_effect else "mechanism"}
     parts = {f"{kind}.py": f"{module}.py", f"test_{kind}.py": f"tests/test_{module}.py"}
+    make_folder(parent)
     with whole_folder(parent / distribution) as folder:
         (folder / "tests").mkdir()
         for template in ("pyproject.toml", "README.md", *parts):
@@ -115,13 +121,14 @@ def check(
     session.claim()
     from brv_hypo.mechanisms import find_installed
     from brv_hypo.mechanisms.conformance import conformance
-    from brv_hypo.report.listings import conformance_data, conformance_table
+    from brv_hypo.report.listings import conformance_table
 
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
     session.show(conformance_table(name, outcomes), conclusion=passed)
-    session.write_json(conformance_data(name, outcomes))
+    known = {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": not failed}
+    session.write_json({**known, "checks": [asdict(outcome) for outcome in outcomes]})
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
         raise typer.Exit(1)
@@ -290,16 +297,9 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
+_FLYING = (flights.demo, flights.simulate, flights.reconstruct)
 _JUDGING = (analyses.compare, analyses.trace, analyses.predict, analyses.study)
-for _command in (
-    flights.demo,
-    flights.simulate,
-    flights.reconstruct,
-    *_JUDGING,
-    flights.inspect,
-    flights.import_,
-    docs,
-):
+for _command in (*_FLYING, *_JUDGING, flights.inspect, flights.import_, docs):
     app.command(_command.__name__.rstrip("_"))(_command)
 app.add_typer(mechanisms_app, name="mechanisms")
 app.add_typer(config_app, name="config")

@@ -18,7 +18,6 @@ import inspect
 import io
 import json as json_format
 import os
-import re
 import shlex
 import signal
 import sys
@@ -248,19 +247,9 @@ complete_grades = _completion("flight.tolerances", "GRADES")
 complete_installed = _completion("mechanisms.registry", "installed")
 
 
-def complete_hypotheses(incomplete: str) -> list[str]:
-    """A list of mechanisms, the last of which is not whole yet; commas and pluses are between them."""
-    from brv_hypo.mechanisms.registry import mechanisms
-
-    before = re.sub(r"[^,+]*$", "", incomplete)
-    names = (before + name for name in sorted(mechanism.name for mechanism in mechanisms()))
-    return [name for name in names if name.startswith(incomplete)]
-
-
 FlightFile = Annotated[Path, Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[list[Path], Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")]
 Output = Annotated[Path, Option("-o", "--output", metavar="FILE", help="File to write.")]
-AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a record that contradicts itself.")]
 Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 
 
@@ -387,7 +376,7 @@ class Session:
         """What long work reports to, on standard error, never with -q; how long it takes if long, and `unless` what."""
         if seconds > LONG_SECONDS and not self.quiet:
             length = f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
-            self.warn(f"{title} takes about {length}{unless}")
+            self.warn(f"{title} takes about {length} of a free processor{unless}")
         return shown(title, quiet=self.quiet)
 
 

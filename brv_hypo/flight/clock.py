@@ -1,9 +1,10 @@
 """Signals in time: uniform stamps without gaps, steps of the clock, and the one estimate of white noise.
 
 Uniform: every stamp lies within 1 % of the step from the grid that fits them best; such a record keeps its
-stamps. Missing rows in an otherwise uniform record become missing samples. Any other record is resampled to
-its mean step (of intervals up to 2.5 times the median) by a cubic spline through the samples that it has; a
-grid point between two samples further apart than 1.5 steps, or beside a missing sample, is missing.
+stamps. One whose stamps lie there within the rounding of their last digit gets the grid. Missing rows in an
+otherwise uniform record become missing samples. Any other record is resampled to its mean step (of intervals up to
+2.5 times the median) by a cubic spline through the samples that it has; a grid point between two samples further
+apart than 1.5 steps, or beside a missing sample, is missing.
 
 Bridged (cubic spline): a gap of at most `longest_gap`, that is 5 samples and an eighth of the dominant
 transverse oscillation, where a cubic is within 1 % of the amplitude; 1 s in the slowly varying air data.
@@ -31,6 +32,8 @@ NOISE_DIFFERENCES = 8
 
 MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh
+ROUNDED_WITHIN = 0.6  # last digits of stamps, from an even clock: half of one, and some for what was rounded twice
+ROUNDED_FINELY = 0.25  # steps: a coarser digit tells no rate
 CLOCK_FLANK = 6  # samples on either side of an odd interval
 # A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
 # deviations, and by so many times the misses up to so many flanks away: parabolas miss fast motion all the time.
@@ -63,26 +66,34 @@ def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Fl
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
     if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:
-        raise refusal(
-            "time",
-            f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart",
-            "a record without jumps that dwarf it",
-            "a wrong stamp, a clock reset, or two flights in one record",
-            "correct the stamps, or split the record",
-        )
+        found = f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart"
+        expected = "a record without jumps that dwarf it"
+        cause = "a wrong stamp, a clock reset, or two flights in one record"
+        remedy = "correct the stamps, or split the record"
+        raise refusal("time", found, expected, cause, remedy)
     slope, offset = np.polyfit(index, time - time[0], 1)
     deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
+    grid, notes = time[0] + offset + slope * np.arange(index[-1] + 1), list[str]()
     if deviation > limits.UNIFORM_WITHIN:
-        return _resampled(time, channels, deviation)
-    if index[-1] + 1 == time.size:
-        return time, dict(channels), ()
-    grid = time[0] + offset + slope * np.arange(index[-1] + 1)
-    note = f"{grid.size - time.size} rows are missing from the uniform time axis and count as missing samples"
+        digit = _last_digit(time)
+        if digit > ROUNDED_FINELY * slope or deviation * slope > ROUNDED_WITHIN * digit:
+            return _resampled(time, channels, deviation)
+        notes = [f"stamps are rounded to {digit:g} s: those of an even clock of {1.0 / slope:.6g} Hz are taken"]
+    if grid.size == time.size:
+        return (grid if notes else time), dict(channels), tuple(notes)
+    notes.append(f"{grid.size - time.size} rows are missing from the uniform time axis and count as missing samples")
     placed = {}
     for name, values in channels.items():
         placed[name] = np.full(grid.size, np.nan)
         placed[name][index] = values
-    return grid, placed, (note,)
+    return grid, placed, tuple(notes)
+
+
+def _last_digit(time: FloatArray) -> float:
+    """The decimal digit, s, that all stamps (n,) are whole multiples of; 0 where they have too many."""
+    rounding = 4.0 * np.spacing(np.max(np.abs(time)))
+    digits = (10.0**-places for places in range(9))
+    return next((each for each in digits if np.all(np.abs(time - each * np.rint(time / each)) <= rounding)), 0.0)
 
 
 def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:

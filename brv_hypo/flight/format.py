@@ -17,6 +17,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.flight import tolerances
 from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
@@ -36,15 +37,7 @@ from brv_hypo.flight.record import (
     validated,
     write_with,
 )
-from brv_hypo.flight.tolerances import (
-    DEFAULT_GRADE,
-    INSTRUMENT_DIMENSIONS,
-    Instruments,
-    check_known,
-    instruments_from,
-    of_grade,
-    with_stated,
-)
+from brv_hypo.flight.tolerances import DEFAULT_GRADE, INSTRUMENT_DIMENSIONS, Instruments, instruments_from, of_grade
 from brv_hypo.flight.units import SI, Dimension, to_si
 from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, one_line, refusal
@@ -147,13 +140,11 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
     usable = np.logical_and.reduce(list(known.values()))
     segments = tuple((start, stop) for start, stop in runs(usable) if stop - start >= MINIMUM_SAMPLES)
     if not segments:
-        raise refusal(
-            min(known, key=lambda name: int(np.count_nonzero(known[name]))),
-            "too many missing samples",
-            f"a stretch of at least {MINIMUM_SAMPLES} samples in which every needed channel is known",
-            "a channel recorded at a much lower rate than the others, or a dropout throughout",
-            "interpolate slow channels to the samples of 'time' before import, or give a longer record",
-        )
+        found = "too many missing samples"
+        expected = f"a stretch of at least {MINIMUM_SAMPLES} samples in which every needed channel is known"
+        cause = "a channel recorded at a much lower rate than the others, or a dropout throughout"
+        remedy = "interpolate slow channels to the samples of 'time' before import, or give a longer record"
+        raise refusal(min(known, key=lambda name: int(np.count_nonzero(known[name]))), found, expected, cause, remedy)
     bounds = (0, *(edge for segment in segments for edge in segment), time.size)
     cuts = [(a, b) for a, b in zip(bounds[::2], bounds[1::2], strict=True) if a < b]
     notes = []
@@ -287,26 +278,19 @@ def read_record(path: str | Path) -> Record:
     with naming(path):
         for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
             if tree.attributes.get(name) != value:
-                raise refusal(
-                    f"/ (root attribute '{name}')",
-                    repr(tree.attributes.get(name, "nothing")),
-                    repr(value),
-                    "another kind of HDF5 file, or a record of a newer program",
-                    "bring it in with `brv-hypo import`, which maps names and units, or update the program",
-                )
+                found, expected = repr(tree.attributes.get(name, "nothing")), repr(value)
+                cause = "another kind of HDF5 file, or a record of a newer program"
+                remedy = "bring it in with `brv-hypo import`, which maps names and units, or update the program"
+                raise refusal(f"/ (root attribute '{name}')", found, expected, cause, remedy)
         unread = [name for name in tree.unread if name not in NOT_READ]
         check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
         vehicle = tree.groups.get("vehicle")
         if vehicle is None:
-            raise refusal(
-                "vehicle",
-                "no such group",
-                f"a group with {', '.join(VEHICLE_DIMENSIONS)}",
-                "mass properties kept in another file",
-                "add them, each a scalar dataset with 'units'",
-            )
+            found, expected = "no such group", f"a group with {', '.join(VEHICLE_DIMENSIONS)}"
+            cause, remedy = "mass properties kept in another file", "add them, each a scalar dataset with 'units'"
+            raise refusal("vehicle", found, expected, cause, remedy)
         properties = _in_si(vehicle.datasets, VEHICLE_DIMENSIONS, "vehicle/")
         scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in properties.items()}
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
@@ -327,12 +311,12 @@ def _instruments(group: Tree | None) -> Instruments:
     """The tolerances that the record states, over those of its grade."""
     if group is None:
         return of_grade()
-    check_known(sorted(group.unread))
+    tolerances.check_known(sorted(group.unread))
     try:
         base = of_grade(str(group.attributes.get("grade", DEFAULT_GRADE)))
     except UsageError as unknown:
         raise FlightRecordError(f"group 'instruments', attribute 'grade': {unknown}") from None
-    return with_stated(base, _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
+    return tolerances.with_stated(base, _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
 
 
 def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension], group: str) -> Channels:
@@ -341,13 +325,9 @@ def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension],
     for key, dataset in datasets.items():
         name, dimension = f"{group}{key}", dimensions[key]
         if dataset.units is None:
-            raise refusal(
-                name,
-                "no 'units' attribute",
-                f"one, such as '{SI[dimension]}'",
-                "a writer that keeps units elsewhere",
-                f"set the attribute 'units' of '{name}'",
-            )
+            found, expected = "no 'units' attribute", f"one, such as '{SI[dimension]}'"
+            cause, remedy = "a writer that keeps units elsewhere", f"set the attribute 'units' of '{name}'"
+            raise refusal(name, found, expected, cause, remedy)
         arrays[key] = to_si(dataset.values, dataset.units, dimension, name)
     return arrays
 

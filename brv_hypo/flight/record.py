@@ -15,17 +15,8 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    SkipValidation,
-    StringConstraints,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+import pydantic
+from pydantic import BaseModel, ConfigDict, Field, SkipValidation, ValidationError, model_validator
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
@@ -42,7 +33,7 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
 Channels = dict[str, FloatArray]
 
-Line = Annotated[str, AfterValidator(one_line)]
+Line = Annotated[str, pydantic.AfterValidator(one_line)]
 Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 write_with: list[Callable[..., None]] = []
@@ -291,13 +282,11 @@ def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
     vehicle = validated(Vehicle, values, group="vehicle")
     # Ixx <= Iyy + Izz holds for any mass distribution, and Izz = Iyy here.
     if vehicle.ixx > 2.0 * vehicle.iyy * (1.0 + 1e-9):
-        raise refusal(
-            "vehicle/ixx",
-            f"{vehicle.ixx:g} kg m^2 with iyy = {vehicle.iyy:g} kg m^2",
-            "ixx <= 2 iyy, which every rigid body obeys",
-            "ixx and iyy exchanged or in different units, or iyy about another point",
-            "give both about the centre of gravity and check their 'units'",
-        )
+        found = f"{vehicle.ixx:g} kg m^2 with iyy = {vehicle.iyy:g} kg m^2"
+        expected = "ixx <= 2 iyy, which every rigid body obeys"
+        cause = "ixx and iyy exchanged or in different units, or iyy about another point"
+        remedy = "give both about the centre of gravity and check their 'units'"
+        raise refusal("vehicle/ixx", found, expected, cause, remedy)
     return vehicle
 
 
@@ -310,7 +299,7 @@ class Record(BaseModel):
     channels: SkipValidation[Mapping[str, FloatArray]]  # (n,) each, NaN where a sample is missing
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
-    planet: Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
+    planet: Annotated[str, pydantic.StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
     title: Line = ""
     source: Line = ""
     path: str = ""
@@ -333,61 +322,43 @@ def check_present(names: Iterable[str]) -> None:
         if name in present or name == "dynamic_pressure":
             continue
         guess = nearest(name, sorted(present - set(CHANNEL_DIMENSIONS)), 0.5)
-        raise refusal(
-            name,
-            f"no such dataset (there are: {', '.join(sorted(present)) or 'none'})",
-            f"one, as format 1 needs {', '.join(('time', *CHANNELS))}",
-            f"it is called '{guess[0]}' here" if guess else "it was not recorded, or has another name",
-            "add or rename it; `brv-hypo import` maps foreign names",
-        )
+        found = f"no such dataset (there are: {', '.join(sorted(present)) or 'none'})"
+        expected = f"one, as format 1 needs {', '.join(('time', *CHANNELS))}"
+        cause = f"it is called '{guess[0]}' here" if guess else "it was not recorded, or has another name"
+        remedy = "add or rename it; `brv-hypo import` maps foreign names"
+        raise refusal(name, found, expected, cause, remedy)
     if not present & {"dynamic_pressure", "density", "altitude"}:
-        raise refusal(
-            "dynamic_pressure",
-            "nothing, and neither 'density' nor 'altitude'",
-            "one of the three",
-            "the air data are kept in another file",
-            "add the measured or reconstructed dynamic pressure, density or (on Earth) altitude",
-        )
+        found, expected = "nothing, and neither 'density' nor 'altitude'", "one of the three"
+        cause = "the air data are kept in another file"
+        remedy = "add the measured or reconstructed dynamic pressure, density or (on Earth) altitude"
+        raise refusal("dynamic_pressure", found, expected, cause, remedy)
 
 
 def check_time(time: FloatArray) -> None:
     """Raise FlightRecordError unless `time` is (n,), finite, strictly increasing and long enough."""
     if time.ndim != 1 or time.size < MINIMUM_SAMPLES:
-        raise refusal(
-            "time",
-            f"shape {time.shape}",
-            f"one axis with at least {MINIMUM_SAMPLES} samples",
-            "a scalar, a table, or a record cut too short",
-            "give one value per sample and a longer record",
-        )
+        found, expected = f"shape {time.shape}", f"one axis with at least {MINIMUM_SAMPLES} samples"
+        cause, remedy = "a scalar, a table, or a record cut too short", "give one value per sample and a longer record"
+        raise refusal("time", found, expected, cause, remedy)
     if not np.all(np.isfinite(time)):
-        raise refusal(
-            "time",
-            f"{_count(~np.isfinite(time))} without a finite value",
-            "a finite time for every sample (a missing sample is NaN in its channel, not in time)",
-            "rows that the recorder dropped",
-            "remove the rows without a time",
-        )
+        found = f"{_count(~np.isfinite(time))} without a finite value"
+        expected = "a finite time for every sample (a missing sample is NaN in its channel, not in time)"
+        cause, remedy = "rows that the recorder dropped", "remove the rows without a time"
+        raise refusal("time", found, expected, cause, remedy)
     _check_size("time", time)
     backward = np.flatnonzero(np.diff(time) <= 0.0)
     if backward.size:
         i = int(backward[0])
-        raise refusal(
-            "time",
-            f"{time[i]:.9g} s followed by {time[i + 1]:.9g} s at sample {i + 1} ({backward.size} such steps)",
-            "strictly increasing times",
-            "repeated rows, two records joined, or stamps with too few digits",
-            "sort the rows by time and keep one of each",
-        )
+        found = f"{time[i]:.9g} s followed by {time[i + 1]:.9g} s at sample {i + 1} ({backward.size} such steps)"
+        expected = "strictly increasing times"
+        cause = "repeated rows, two records joined, or stamps with too few digits"
+        remedy = "sort the rows by time and keep one of each"
+        raise refusal("time", found, expected, cause, remedy)
     step = float(time[-1] - time[0]) / (time.size - 1)
     if step < SHORTEST_STEP:
-        raise refusal(
-            "time",
-            f"samples {step:.3g} s apart",
-            f"at least {SHORTEST_STEP:g} s",
-            "times in a larger unit than 'units' says",
-            "correct the units of 'time'",
-        )
+        found, expected = f"samples {step:.3g} s apart", f"at least {SHORTEST_STEP:g} s"
+        cause, remedy = "times in a larger unit than 'units' says", "correct the units of 'time'"
+        raise refusal("time", found, expected, cause, remedy)
 
 
 def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
@@ -399,34 +370,23 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
     check_shape(name, values, shape)
     _check_size(name, values)
     if name in CHANNELS and not np.any(np.isfinite(values)):
-        raise refusal(
-            name,
-            "NaN at every sample",
-            "measured values",
-            "the channel was not recorded, or its column was not read",
-            "check the source of this channel",
-        )
+        cause, remedy = "the channel was not recorded, or its column was not read", "check the source of this channel"
+        raise refusal(name, "NaN at every sample", "measured values", cause, remedy)
     least = LEAST.get(name, -np.inf)
     if np.any(values < least):
-        raise refusal(
-            name,
-            f"{_count(values < least)} below {least:g}, down to {np.nanmin(values):.6g}",
-            f"values of {least:g} or more, of a vehicle in flight",
-            "a component along an axis instead of a magnitude, a fill value, or samples before or after the flight",
-            "give the magnitude, and NaN where a sample is missing",
-        )
+        found = f"{_count(values < least)} below {least:g}, down to {np.nanmin(values):.6g}"
+        expected = f"values of {least:g} or more, of a vehicle in flight"
+        cause = "a component along an axis instead of a magnitude, a fill value, or samples before or after the flight"
+        raise refusal(name, found, expected, cause, "give the magnitude, and NaN where a sample is missing")
 
 
 def check_shape(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
     """Raise FlightRecordError unless the channel is of `shape`."""
     if values.shape != shape:
-        raise refusal(
-            name,
-            f"shape {values.shape}",
-            f"shape {shape}, like 'time'",
-            "another sample rate, or a table where a column was meant",
-            "bring every channel to the samples of 'time', with NaN where it has none",
-        )
+        found, expected = f"shape {values.shape}", f"shape {shape}, like 'time'"
+        cause = "another sample rate, or a table where a column was meant"
+        remedy = "bring every channel to the samples of 'time', with NaN where it has none"
+        raise refusal(name, found, expected, cause, remedy)
 
 
 def _check_size(name: str, values: FloatArray) -> None:
@@ -434,19 +394,17 @@ def _check_size(name: str, values: FloatArray) -> None:
     largest = LARGEST[CHANNEL_DIMENSIONS[name]]
     beyond = np.abs(values) > largest
     if np.any(beyond):
-        raise refusal(
-            name,
-            f"{_count(beyond)} beyond {largest:g} in SI, up to {np.nanmax(np.abs(values)):.3g}",
-            "values that a flight can have",
-            "a fill value, wrong units, an overflow, or damage",
-            "write NaN where a sample is missing, and check 'units'",
-        )
+        found = f"{_count(beyond)} beyond {largest:g} in SI, up to {np.nanmax(np.abs(values)):.3g}"
+        expected = "values that a flight can have"
+        cause = "a fill value, wrong units, an overflow, or damage"
+        remedy = "write NaN where a sample is missing, and check 'units'"
+        raise refusal(name, found, expected, cause, remedy)
 
 
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        return TypeAdapter(model).validate_python(dict(data))
+        return pydantic.TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         for own in (problem.get("ctx", {}).get("error") for problem in error.errors()):
             if isinstance(own, FlightRecordError):

@@ -143,13 +143,9 @@ def _read(key: str, value: Any) -> Any:
 def _vector(key: str, value: Any) -> Vector:
     array = np.ravel(np.asarray(value, dtype=float))
     if array.size not in (1, 3) or not np.all(np.isfinite(array)) or np.any(array < 0.0):
-        raise refusal(
-            f"instruments/{key}",
-            f"{array.tolist()}",
-            "one 1-sigma tolerance, or three by body axis, none below zero",
-            "a fill value, or a sigma and its sign",
-            "give a standard deviation",
-        )
+        found, expected = f"{array.tolist()}", "one 1-sigma tolerance, or three by body axis, none below zero"
+        cause, remedy = "a fill value, or a sigma and its sign", "give a standard deviation"
+        raise refusal(f"instruments/{key}", found, expected, cause, remedy)
     least = TOLERANCE_LEAST * _SIGMAS[key][0]
     x, y, z = np.broadcast_to(np.maximum(array, least), (3,)).tolist()
     return x, y, z

@@ -20,20 +20,8 @@ from brv_hypo.io.text import refusal
 if TYPE_CHECKING:
     import pint
 
-Dimension = Literal[
-    "time",
-    "angular rate",
-    "acceleration",
-    "speed",
-    "pressure",
-    "density",
-    "length",
-    "area",
-    "mass",
-    "moment of inertia",
-    "angle",
-    "dimensionless",
-]
+OfMotion = Literal["time", "angular rate", "acceleration", "speed", "angle", "dimensionless"]
+Dimension = Literal[OfMotion, "pressure", "density", "length", "area", "mass", "moment of inertia"]
 
 # Units that recorders write, by dimension: SI, then the likelier first, each with the words that end a column's name.
 RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
@@ -65,6 +53,7 @@ RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
         "kft/s": ("kftps", "kfts", "kft s"),
         "km/hour": ("kmh", "kph", "km h"),
         "knot": ("kt", "kts", "kn"),
+        "mph": ("mph",),
     },
     "pressure": {unit: (unit.lower(),) for unit in ("Pa", "psf", "kPa", "hPa", "psi", "mbar")},
     "density": {"kg/m^3": ("kgm3", "kg m3"), "g/m^3": ("gm3", "g m3"), "slug/ft^3": ("slugft3", "slug ft3")},
@@ -104,22 +93,17 @@ def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str
     unit = _parsed(spelling, units, dimension, dataset_name)
     target = _registry().parse_units(SI[dimension])
     if not unit.is_compatible_with(target):
-        raise refusal(
-            dataset_name,
-            f"units '{units}' ({unit.dimensionality})",
-            f"units of {dimension} ({target.dimensionality}), such as {EXAMPLES[dimension]}",
-            "the units of another channel, or a missing power or per-second",
-            f"correct the units of '{dataset_name}'",
-        )
+        found = f"units '{units}' ({unit.dimensionality})"
+        expected = f"units of {dimension} ({target.dimensionality}), such as {EXAMPLES[dimension]}"
+        cause = "the units of another channel, or a missing power or per-second"
+        remedy = f"correct the units of '{dataset_name}'"
+        raise refusal(dataset_name, found, expected, cause, remedy)
     # To pint an angle has no dimension, and Hz is rad/s: radians must be left in the root units.
     if dimension == "angular rate" and "radian" not in to_units_container(_registry().get_root_units(unit)[1]):
-        raise refusal(
-            dataset_name,
-            f"units '{units}', which hold no angle",
-            f"an angle per time, such as {EXAMPLES[dimension]}",
-            "cycles per second and radians per second are both called 1/s",
-            "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'",
-        )
+        found, expected = f"units '{units}', which hold no angle", f"an angle per time, such as {EXAMPLES[dimension]}"
+        cause = "cycles per second and radians per second are both called 1/s"
+        remedy = "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'"
+        raise refusal(dataset_name, found, expected, cause, remedy)
     return array * float(_registry().Quantity(1.0, unit).to(target).magnitude)
 
 
@@ -144,13 +128,11 @@ def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             raise ValueError("too long, or a power that no unit has")
         return _registry().parse_units(spelling)
     except Exception as error:  # pint lets errors of many kinds out of its parser
-        raise refusal(
-            dataset_name,
-            f"units '{units}', which cannot be read ({error})",
-            f"units of {dimension}, such as {EXAMPLES[dimension]}",
-            "a misspelt unit, wrong upper or lower case, or 's2' written for 's^2'",
-            f"correct the units of '{dataset_name}'; join units with '*' and '/'",
-        ) from error
+        found = f"units '{units}', which cannot be read ({error})"
+        expected = f"units of {dimension}, such as {EXAMPLES[dimension]}"
+        cause = "a misspelt unit, wrong upper or lower case, or 's2' written for 's^2'"
+        remedy = f"correct the units of '{dataset_name}'; join units with '*' and '/'"
+        raise refusal(dataset_name, found, expected, cause, remedy) from error
 
 
 @cache

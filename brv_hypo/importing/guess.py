@@ -65,7 +65,9 @@ def _examined(path: Path) -> ForeignTable:
     chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
         dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE, **VEHICLE_DIMENSIONS}.get(channel)
-        table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
+        entry = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
+        scale, doubts = rules.sense(channel, column)
+        table.entries[channel] = replace(entry, scale=scale, unsure=(*entry.unsure, *doubts))
     _find_time(table)
     _by_gravity(table)
     _by_range(table)
@@ -171,7 +173,7 @@ def _judged(table: ForeignTable) -> None:
     time = channels.pop("time")
     if set(INERTIAL_CHANNELS) <= set(channels):
         sizes, own = rules.sizes("angular rate"), {name: table.entries[name].units for name in GYROS}
-        rates = np.stack([table.values(name) * sizes[own[name]] / sizes[own["q"]] for name in GYROS])
+        rates = np.stack([channels[name] for name in GYROS]) / sizes[own["q"]]
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
         turn, air = (np.eye(3), physics.air_of(channels)) if table.tilt is None else (table.tilt.matrix, None)
         found = physics.relative_axes(time, turn @ rates, turn @ forces, sizes, air)
@@ -270,8 +272,14 @@ def _count_from_liftoff(table: ForeignTable) -> None:
 # ---- The map as commented YAML: `map.yaml.j2`, and what it needs ----
 
 
-# What a property of the vehicle is, for whom its name does not say.
-_OF_VEHICLE = {
+# What a channel counts, and what a property of the vehicle is, for whom its name does not say.
+_MEANINGS = {
+    "p": "positive: right side down",
+    "q": "positive: nose up",
+    "r": "positive: nose right",
+    "ax": "positive: to the nose, in drag below zero",
+    "ay": "positive: to the right",
+    "az": "positive: down",
     "ixx": "about the spin axis",
     "iyy": "about either transverse axis",
     "reference_length": "the one length of all moment coefficients: the diameter",
@@ -309,7 +317,7 @@ def _written(table: ForeignTable) -> Guess:
         vehicle=vehicle,
         missing=missing,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
-        meanings=_OF_VEHICLE,
+        meanings=_MEANINGS,
         no_position=no_position,
         ascends="velocity" not in channels and climbs,
         degrees=np.degrees,
@@ -325,8 +333,9 @@ def _written(table: ForeignTable) -> Guess:
 def _flow(entry: MapEntry, more: str = "") -> str:
     """A column of the map, in one line."""
     recorder = f"recorder: {entry.recorder}, " if entry.recorder is not None else ""
+    scale = f", scale: {entry.scale}" if entry.scale != 1 else ""
     offset = f", offset: {entry.offset:.10g}" if entry.offset != 0.0 else ""
-    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{offset}{more}}}"
+    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{scale}{offset}{more}}}"
 
 
 def _rises(altitude: FloatArray) -> bool:

@@ -51,11 +51,11 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll"), *_as_rate("roll")),
     "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch"), *_as_rate("pitch")),
     "r": (("r",), ("yaw", "rate"), ("yawrate",), ("gyro", "yaw"), *_as_rate("yaw")),
-    "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
+    "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",), ("vtrue",),
-                 ("vt",), ("vinf",), ("vair",), ("v", "inf")),
+                 ("vt",), ("vinf",), ("vair",), ("v", "inf"), ("vtas",), ("ktas",), ("v", "true")),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("hgt",), ("h",),
                  ("hbaro",), ("hgps",)),
     "density": (("density",), ("rho",)),
@@ -65,6 +65,8 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
     "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }  # fmt: skip
+# Words that turn about the sense of a channel, in a column's name.
+_AGAINST = {"ax": ("aft",), "az": ("up",), "q": ("down", "dn")} | dict.fromkeys(("ay", "p", "r"), ("port", "left"))
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n", "sf")),
@@ -90,6 +92,7 @@ def units_in(column: str, dimension: Dimension | None) -> str | None:
         return "dimensionless"
     units = RECORDED[dimension].items() if dimension else ()
     column = re.sub(r"(?i)(?<![a-z])per(?![a-z])", " ", spelled(column))
+    column = re.sub(r"(?i)(?<![a-z])ktas(?![a-z])", "tas kt", column)
     column = re.sub(r"(?i)(?<![a-z])(sec|seconds?)(?![a-z])", "s", column)
     known = {word: unit for unit, words in units for word in words}
     return _at_end(_parts(column), known) or _at_end(_words(column), known)  # kPa is one word, MassKg two
@@ -115,8 +118,18 @@ def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
 
 
 def _words(column: str) -> list[str]:
-    """The words of a name in lower case: at capitals, brackets, points and lines."""
-    return _parts(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column))
+    """The words of a name in lower case: at capitals, brackets, points and lines, and a direction after an axis."""
+    split = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
+    return _parts(re.sub(r"(?i)(?<=[xyz])(?=(up|down|dn|aft|fwd|port|left|right)(?![a-z]))", " ", split))
+
+
+def sense(channel: str, column: str) -> tuple[int, tuple[str, ...]]:
+    """1, or -1 where a column's name says that it counts against its channel (NZUP), and what is unsure."""
+    words = {*_words(column)}
+    if against := words & {*_AGAINST.get(channel, ())}:
+        return -1, (f"its name says {against.pop()}, against {channel}: scale -1",)
+    load = channel == "az" and words & {"nz", "normal"} and not words & {"down", "dn"}
+    return 1, ("its sign: a normal load factor is often positive up; if so, scale: -1",) if load else ()
 
 
 def _parts(name: str) -> list[str]:
@@ -181,12 +194,13 @@ def units_of_gravity(reading: float) -> str | None:
 
 @dataclass(frozen=True)
 class MapEntry:
-    """One channel of the map, or property of the vehicle: `column + offset`, in `units`."""
+    """One channel of the map, or property of the vehicle: `scale * column + offset`, in `units`."""
 
     column: str
     units: str
     why: str  # the reasons
     unsure: tuple[str, ...] = ()  # the doubts
+    scale: int = 1  # -1 where the column counts the other way
     offset: float = 0.0
     recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
@@ -212,7 +226,8 @@ class ForeignTable:
 
     def in_si(self, channel: str) -> FloatArray:
         """The column of a channel (n,), SI."""
-        return to_si(self.values(channel), self.entries[channel].units, CHANNEL_DIMENSIONS[channel], channel)
+        entry = self.entries[channel]
+        return entry.scale * to_si(self.values(channel), entry.units, CHANNEL_DIMENSIONS[channel], channel)
 
     @property
     def axial(self) -> str:

@@ -18,14 +18,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from brv_hypo.errors import (
-    BrvHypoError,
-    ExistingOutputError,
-    FlightRecordError,
-    MissingInputError,
-    MissingRecordError,
-    UsageError,
-)
+from brv_hypo import errors
+from brv_hypo.errors import BrvHypoError, ExistingOutputError, FlightRecordError, UsageError
 from brv_hypo.io.text import meant
 
 _KINDS = {"-": "a file", "d": "a directory", "p": "a pipe", "c": "a device", "b": "a device", "s": "a socket"}
@@ -61,7 +55,7 @@ def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = U
     if kind == "a file":
         return
     if kind is None:
-        missing = MissingRecordError if issubclass(error, FlightRecordError) else MissingInputError
+        missing = errors.MissingRecordError if issubclass(error, FlightRecordError) else errors.MissingInputError
         raise missing(
             f"{path}: cannot be read: found no such file, expected {expected}. Likely cause: a misspelt path, or a "
             "relative path from another directory. Remedy: give the path of an existing file."

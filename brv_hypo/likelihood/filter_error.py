@@ -28,17 +28,10 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood import gauss_newton
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import Segments, log_determinant
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Setup,
-    SingularStatesError,
-    information_factor,
-    linearised,
-    quadratic_of,
-    sensitivities,
-)
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.statistics import log_determinant_of
 
 Variances = Sequence[tuple[FloatArray, FloatArray]]  # process noise (n_states,) and variances (n_outputs,)
@@ -73,7 +66,7 @@ def _determinants(problem: Setup, iterate: Iterate, variances: Variances) -> Flo
         linear = linearise_segment(problem.model, grid, x, theta, ())
         of_dynamics = np.sum(np.linalg.slogdet(linear.defect_by_state[:, 1])[1])
         for k, (noise, of_outputs) in enumerate(variances):
-            quadratic = quadratic_of(replace(problem, process_noise=noise), grid, x, linear, of_outputs)
+            quadratic = gauss_newton.quadratic_of(replace(problem, process_noise=noise), grid, x, linear, of_outputs)
             variance = quadratic.variance.copy()
             variance[0] = 0.0
             total[k] += 0.5 * log_determinant(replace(quadratic, variance=variance)) - of_dynamics
@@ -352,7 +345,7 @@ def noise_errors(
     unknown = process, measurement, covariance, ()
     if not directions.count or not np.any(problem.process_noise):
         return unknown
-    solved = Solved(problem, iterate, directions, linearised(problem, iterate))
+    solved = Solved(problem, iterate, directions, gauss_newton.linearised(problem, iterate))
     try:
         score = Score(solved.gradient(), solved.information())
         if segments:

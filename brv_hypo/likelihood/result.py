@@ -16,23 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood import statistics
 from brv_hypo.likelihood.collocation import Method, Points, Values, evaluate
 from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Setup, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.search import Iteration, Options, SearchOutcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
-from brv_hypo.likelihood.statistics import (
-    Identifiability,
-    Whitened,
-    Whiteness,
-    coloured_covariance,
-    covariance_from_information,
-    identifiability,
-    inflation,
-    negative_log_likelihood,
-    whiteness,
-)
+from brv_hypo.likelihood.statistics import Identifiability, Whitened, Whiteness, identifiability, whiteness
 from brv_hypo.results import Row, Tabular
 
 _LAGS = 20  # lags of the whiteness test
@@ -156,7 +147,7 @@ def assess(outcome: SearchOutcome, options: Options, steps: int) -> FitResult:
         refined, nllf = kalman_innovations(problem, iterate)
     else:
         refined = residuals(problem, iterate)
-        nllf = negative_log_likelihood(np.concatenate(refined, axis=1), iterate.variance)
+        nllf = statistics.negative_log_likelihood(np.concatenate(refined, axis=1), iterate.variance)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
     samples = int(np.isfinite(together).sum())
@@ -213,7 +204,7 @@ def _covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariances (p, p) for white and for coloured residuals, degrees of freedom counted; nan where unknown."""
     parameters = problem.parameters
-    raw = covariance_from_information(triangle, parameters.prior_std, free)
+    raw = statistics.covariance_from_information(triangle, parameters.prior_std, free)
     unknowns = len(free) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
     white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
@@ -221,9 +212,9 @@ def _covariances(
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
-    corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
+    corrected = statistics.coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
     if options.estimate_noise:
-        corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
+        corrected = corrected * statistics.inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured

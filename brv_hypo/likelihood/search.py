@@ -13,21 +13,11 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import gauss_newton
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Segments
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradients, directions_of, disturbance_cost, scored
-from brv_hypo.likelihood.gauss_newton import (
-    Extrapolation,
-    Iterate,
-    Setup,
-    SingularStatesError,
-    gauss_newton_step,
-    line_search,
-    linearised,
-    moved,
-    objective,
-    sensitivities,
-)
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup, SingularStatesError, moved, objective, sensitivities
 from brv_hypo.likelihood.statistics import estimate_variance, least_variance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
@@ -157,7 +147,7 @@ def search(problem: Setup, iterate: Iterate, options: Options) -> SearchOutcome:
     near: tuple[Linearisation, ...] = ()
     gradient = None  # of the determinant; how far, in standard errors, the search has gone since it and `near`
     since_gradient = since_near = np.inf
-    extrapolation = Extrapolation(problem)
+    extrapolation = gauss_newton.Extrapolation(problem)
     known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
     def ended(status: Status, detail: str = "") -> SearchOutcome:
@@ -167,14 +157,14 @@ def search(problem: Setup, iterate: Iterate, options: Options) -> SearchOutcome:
     for iteration in range(1, options.max_iterations + 1):
         try:
             if not (known or (since_near <= _KEPT * options.tolerance and not noisy)):
-                near, since_near = linearised(problem, iterate), 0.0
+                near, since_near = gauss_newton.linearised(problem, iterate), 0.0
             segments, unseen = (known, None) if known else _sensitivities(problem, iterate, near)
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         if noisy and not since_gradient <= _FAR:
             here = [(problem.process_noise, iterate.variance)]
             gradient, since_gradient = determinant_gradients(problem, iterate, segments, here)[0], 0.0
-        step = gauss_newton_step(problem, iterate, segments, gradient)
+        step = gauss_newton.gauss_newton_step(problem, iterate, segments, gradient)
         since_gradient, since_near = since_gradient + step.length, since_near + step.length
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
@@ -184,7 +174,7 @@ def search(problem: Setup, iterate: Iterate, options: Options) -> SearchOutcome:
             following, fraction = moved(problem, iterate, further, 1.0), 1.0
         else:
             terms = (partial(determinant, problem),) if noisy else ()
-            following, fraction = line_search(problem, iterate, step, penalty, *terms)
+            following, fraction = gauss_newton.line_search(problem, iterate, step, penalty, *terms)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
                 return ended(Status.STALLED)
@@ -235,14 +225,14 @@ def _noise_first(problem: Setup, iterate: Iterate, options: Options) -> tuple[Se
     """Variances brought near with theta fixed, process noise first: beside too much of it, no other shows."""
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
-            linear = linearised(problem, iterate)
+            linear = gauss_newton.linearised(problem, iterate)
             try:
                 wanted = directions_of(problem, estimate_noise, options.estimate_process_noise)
                 found, lengths = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
             problem = found.problem
-            step = gauss_newton_step(problem, found.iterate, found.segments, frozen=True)
+            step = gauss_newton.gauss_newton_step(problem, found.iterate, found.segments, frozen=True)
             iterate = moved(problem, found.iterate, step, 1.0)
             unforeseen = abs(objective(problem, iterate)[0] - step.cost - step.decrease)
             if lengths[-1] < _NEAR_NOISE and unforeseen < _LINEAR:
@@ -265,7 +255,9 @@ def _with_noise(
     if not wanted.count:
         return problem, iterate, (), True
     try:
-        found, lengths = scored(problem, iterate, wanted, max(_FEW, _FRACTION * length), linearised(problem, iterate))
+        found, lengths = scored(
+            problem, iterate, wanted, max(_FEW, _FRACTION * length), gauss_newton.linearised(problem, iterate)
+        )
     except SingularStatesError:
         return problem, iterate, (), True
     return found.problem, found.iterate, found.segments, lengths[0] < _CONVERGED_MOVE

@@ -15,17 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import gauss_newton
 from brv_hypo.likelihood.collocation import System, linearise_segment
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Setup,
-    SingularStatesError,
-    gauss_newton_step,
-    line_search,
-    moved,
-    objective,
-    sensitivities,
-)
+from brv_hypo.likelihood.gauss_newton import Iterate, Setup, gauss_newton_step, moved, objective, sensitivities
 from brv_hypo.likelihood.result import TOLERATED, FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
@@ -123,7 +115,7 @@ def _prepared(problem: Setup, iterate: Iterate, near: bool) -> tuple[Setup, Iter
     interval = np.median(np.concatenate([g.step for g in problem.grids]))
     change = np.maximum(np.sqrt(np.mean(changes**2, axis=1)), _LEAST_LOOSENESS * problem.size)
     loose = change / np.sqrt(interval)  # process noise that lets the states follow the outputs, not the model
-    with suppress(SingularStatesError):  # the search says so if they stay undetermined
+    with suppress(gauss_newton.SingularStatesError):  # the search says so if they stay undetermined
         if any(g.start.ndim == 1 for g in problem.grids):
             iterate = smooth(problem, iterate, loose)
         # Largest step of a delay: half the time scale of the fastest state.
@@ -142,7 +134,7 @@ def _prepared(problem: Setup, iterate: Iterate, near: bool) -> tuple[Setup, Iter
             noise = np.hypot(problem.process_noise, fraction * loose)
             loosened = replace(problem, process_noise=noise, reach=waiting)
             step = gauss_newton_step(loosened, nearer, sensitivities(loosened, nearer, anchored=True))
-            nearer, _ = line_search(loosened, nearer, step, penalty=0.0)
+            nearer, _ = gauss_newton.line_search(loosened, nearer, step, penalty=0.0)
         iterate = nearer
     return problem, iterate
 

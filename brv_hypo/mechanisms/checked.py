@@ -109,7 +109,9 @@ def fault(
     remedy = f"Repair it or uninstall it; `brv-hypo mechanisms check {name}` tests it."
     if Path(package).suffix == ".py":
         remedy = f"Repair it, or leave out --plugin {package}."
-    return MechanismError(f"{subject} breaks its contract{_place(call, error)}: {found}. {remedy}", name)
+    return MechanismError(
+        f"{subject} breaks its contract{_place(call, error)}: {found.removesuffix('.')}. {remedy}", name
+    )
 
 
 def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:

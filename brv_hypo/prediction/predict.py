@@ -44,17 +44,9 @@ from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
+from brv_hypo.prediction import result
 from brv_hypo.prediction.changes import find_differences, find_local_change, fixed_within
-from brv_hypo.prediction.result import (
-    Difference,
-    ErrorsOfPrediction,
-    LocalChange,
-    ModelSource,
-    Prediction,
-    PredictionBand,
-    Region,
-    reason,
-)
+from brv_hypo.prediction.result import Difference, ErrorsOfPrediction, LocalChange, ModelSource, Prediction
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
@@ -157,6 +149,7 @@ def _predict(
     errors = ErrorsOfPrediction(
         without=measured.mean_square(),
         frozen=left.mean_square(),
+        within=left_within.mean_square(),
         own=own.mean_square(),
         noise=measured.mean_square_of_noise(),
     )
@@ -242,7 +235,7 @@ def _predict(
     fitted = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise) for each in (left, left_within))
     remedy = ",".join((*refit, *more)) if more and not (here and content.errors) else ""
-    return found.model_copy(update={"reason": reason(found, fitted, rest, freely, remedy)})
+    return found.model_copy(update={"reason": result.reason(found, fitted, rest, freely, remedy)})
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:
@@ -465,12 +458,12 @@ def band_of(
     sigma: ComplexArray,
     model_sigma: FloatArray,
     flown: BoolArray,
-) -> PredictionBand:
+) -> result.PredictionBand:
     """The band and the share of samples in it where the model is known; `model_sigma`: its own part of `sigma`."""
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]
-    return PredictionBand(
+    return result.PredictionBand(
         level=BAND_LEVEL,
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
@@ -484,7 +477,7 @@ def band_of(
 # ---- Errors and shares ----
 
 
-def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
+def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[result.Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
     time, mach = data.frame.time, data.frame.motions[0].mach[data.frame.samples(0)]
     found = []
@@ -494,7 +487,7 @@ def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) 
             continue
         own, ratio = mach[inside], left.mean_square(inside) / measured.mean_square(inside)
         ends = (float(own.min()), float(own.max())) if np.all(np.isfinite(own)) else None
-        found.append(Region(start_s=start, stop_s=stop, mach=ends, ratio=ratio))
+        found.append(result.Region(start_s=start, stop_s=stop, mach=ends, ratio=ratio))
     return tuple(found)
 
 

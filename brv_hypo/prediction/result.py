@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from brv_hypo.comparison.result import FlightSummary, TermEstimate
 from brv_hypo.flight.record import RecordTrial
-from brv_hypo.io.text import p_value
+from brv_hypo.io.text import estimated, known_to, number, p_value
 from brv_hypo.io.text import share as percent_of
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.model.term import BASELINE
@@ -36,7 +36,8 @@ class ErrorsOfPrediction(NullIsNaN):
     """Mean squares of moment coefficients."""
 
     without: float = Field(description="of the moments as measured, mean square")
-    frozen: float = Field(description="less the frozen model")
+    frozen: float = Field(description="less the frozen model, errors of record and vehicle zero unless refitted")
+    within: float = Field(default=float("nan"), description="less the frozen model, these errors fitted")
     own: float = Field(description="less the same model fitted here")
     noise: float = Field(description="of the noise")
 
@@ -58,21 +59,21 @@ class LocalChange(NullIsNaN):
     start_s: float = Field(description="s")
     stop_s: float = Field(description="s")
     mach: tuple[float, float] | None = Field(description="ends; null: unknown")
-    value: float = Field(description="more than before and after")
+    value: float = Field(description="what the coefficient is more there than before and after")
     std_error: float = Field(description="1 sigma, beside processes")
     f_ratio: float = Field(description="of one coefficient, no processes")
     p_value: float = Field(description="paid for all terms and regions tried")
 
 
 class Difference(NullIsNaN):
-    """A frozen coefficient that differs from this flight's, others within their errors."""
+    """A frozen coefficient that differs, others within their errors: this flight's is `frozen` + `value`."""
 
     term: str = Field(description="coefficient that differs")
     mechanism: str = Field(default="", description="which it belongs to")
     units: str = Field(description="of `value`")
-    frozen: float = Field(description="value in the model")
-    value: float = Field(description="what it is more here")
-    std_error: float = Field(description="1 sigma")
+    frozen: float = Field(description="the coefficient in the model file")
+    value: float = Field(description="the difference: this flight's coefficient less `frozen`")
+    std_error: float = Field(description="1 sigma of the difference: errors of both flights")
     p_value: float = Field(description="paid for all coefficients")
     beside_processes: bool = Field(description="whether evidence needs processes")
     alternatives: tuple[str, ...] = Field(default=(), description="terms that may differ in its place")
@@ -94,7 +95,7 @@ class PredictionBand(NullIsNaN):
 
 
 class Prediction(HasCharts, Result):
-    """What a frozen model says of a flight; refused where a `local_change` or `difference` is beyond chance."""
+    """What a frozen model says of a flight; `refused`, contradicted, by a sure `local_change` or `difference`."""
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema", description="`brv-hypo/predict/1`")
     flight: FlightSummary = Field(description="predicted")
@@ -122,7 +123,17 @@ class Prediction(HasCharts, Result):
     @property
     def lacks_an_effect(self) -> bool:
         """Whether something acts that no coefficients of this model explain."""
-        return bool(self.far_processes) or bool(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]) < REFUSED)
+        return bool(self.far_processes) or self._chance < REFUSED
+
+    @property
+    def _chance(self) -> float:
+        """That of a misfit as large; NaN without a test."""
+        return float(norm.sf((self.misfit - 1.0) / NOISE_LEVEL[1]))
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether coefficients differ, throughout or between two times, or something acts that the model lacks."""
+        return self.refused or self.lacks_an_effect
 
     @property
     def outcome(self) -> str:
@@ -131,9 +142,27 @@ class Prediction(HasCharts, Result):
             return "Prediction of the model's own record"
         if np.isnan(self.misfit):
             return f"Prediction: an extrapolation of the model{self.without}, not tested"
-        contradicted = "is contradicted" if self.refused or self.lacks_an_effect else "is not contradicted"
-        where = f" (tested on {percent_of(self.flown)} of the samples)"
-        return f"Prediction: the model{self.without} {contradicted}{where if self.extrapolates else ''}"
+        contradicted = "is contradicted" if self.is_contradicted else "is not contradicted"
+        chances = [each.p_value for each in (self.difference, self.local_change) if each is not None]
+        least = min(*chances, self._chance, 1.0)
+        said = [f"p-value {p_value(least)}"] if least < REFUSED else []
+        said += [f"tested on {percent_of(self.flown)}{'' if said else ' of the samples'}"] if self.extrapolates else []
+        return f"Prediction: the model{self.without} {contradicted}{' ({})'.format(', '.join(said)) if said else ''}"
+
+    @property
+    def brief(self) -> str:
+        """For one line: what the model leaves, and what differs most."""
+        known = [each for each in (self.difference, self.local_change) if each is not None and each.p_value < REFUSED]
+        return "; ".join([self.leaves, *(f"{most.term} differs by {_size(most)}" for most in known[:1])])
+
+    @property
+    def leaves(self) -> str:
+        """What the frozen model leaves with record errors fitted, beside the noise, both as in the table."""
+        own, noise = (
+            f"{number(100.0 * each / self.error.without, 2)} %" for each in (self.error.within, self.error.noise)
+        )
+        left = f"the frozen model{self.without}, record errors fitted, leaves {own}"
+        return f"{left} of the moments' mean square, noise alone {noise}"
 
     @property
     def extrapolates(self) -> bool:
@@ -192,21 +221,20 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f"is an extrapolation, and whether this flight contradicts it is not tested.{own_part}{helps}"
         )
     said = _OWN_RECORD + ("" if remedy else _ITS_ERRORS) if found.own_record else ""
-    contradicted, partly = found.refused or found.lacks_an_effect, found.extrapolates and not found.own_record
-    if not found.own_record:  # the first sentence is what -q prints
-        said += f"{_differs(found).lstrip() if contradicted else _AGREES} "
+    partly = found.extrapolates and not found.own_record
+    if not found.own_record:
+        said += f"{_differs(found).lstrip() if found.is_contradicted else _AGREES} "
+    said += f"{found.leaves[0].upper()}{found.leaves[1:]}. "
     said += f"On the {percent_of(found.flown)} of the samples where the model is known, the" if partly else "The"
-    fair = PREDICTED_HOLDS <= band.inside < band.level
-    fitted = " with what was refitted" if found.refitted else ""
+    fitted = " with what was refitted" if found.refitted else ", record errors zero,"
     said += (
         f" frozen model{found.without}{fitted} {_explains(found.explained)} the mean square of the measured moments, "
-        "noise aside (no test: static moment and damping alone may make most of it); the same model fitted to this "
+        "noise aside (static moment and damping alone may make most of it); the same model fitted to this "
         f"flight {_explains(own)} it. The frozen model's {100.0 * band.level:.0f} % prediction interval holds "
-        f"{100.0 * band.inside:.1f} % of the samples"
-        f"{f' ({100.0 * PREDICTED_HOLDS:.0f} % will do: neighbours err alike)' if fair else ''}."
+        f"{100.0 * band.inside:.1f} % of the samples: no test, as neighbours err alike"
     )
-    if band.inside < PREDICTED_HOLDS and not (found.own_record or contradicted):
-        said += " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
+    narrow = band.inside < PREDICTED_HOLDS and not (found.own_record or found.is_contradicted)
+    said += f", but below {100.0 * PREDICTED_HOLDS:.0f} % the interval is too narrow here." if narrow else "."
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         said += (
             " On held-out blocks of the flights that it was found on its residual was "
@@ -251,27 +279,34 @@ def _differs(found: Prediction) -> str:
     if change is not None:
         ends = dict.fromkeys(f"{end:.4g}" for end in reversed(change.mach or ()))
         mach = f", Mach {' to '.join(ends)}" if ends else ""
-        units = "" if change.units == "1" else f" {change.units}"
         said += (
             f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
-            f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
+            f"{change.term} differs there by {_size(change)} from elsewhere "
             f"(F-ratio {change.f_ratio:.0f}). Which mechanism may make that, `brv-hypo compare` on this flight tells."
         )
     return said
 
 
+def _size(of: Difference | LocalChange) -> str:
+    """What a coefficient differs by, with its error and unit."""
+    units = "" if of.units == "1" else f" {of.units}"
+    return f"{'+' if of.value > 0.0 else ''}{estimated(of.value, of.std_error)}{units}"
+
+
 def _in_words(difference: Difference) -> str:
     """A coefficient that differs, the function that it is part of, and what may differ in its place."""
-    units = "" if difference.units == "1" else f" {difference.units}"
-    beside = "" if difference.beside_processes else ", and no processes (the tables' sigma includes them)"
+    beside = "" if difference.beside_processes else ", without processes"
     own, like = difference.mechanism == BASELINE, difference.alternatives
     static = own and like and all(name.startswith(("C_m0", "C_malpha")) for name in (difference.term, *like))
     others = f" (or {' or '.join(like)} in its place: this flight does not distinguish them)" if like else ""
+    there, here = (
+        known_to(each, difference.std_error) for each in (difference.frozen, difference.frozen + difference.value)
+    )
     return (
         f"{'its static moment is another: ' if static else ''}{difference.term}"
-        f"{'' if own else f' ({difference.mechanism})'} is "
-        f"{difference.frozen:.4g}{units} there and here {difference.frozen + difference.value:.4g}, a difference of "
-        f"{difference.value:+.2g} ± {difference.std_error:.2g} with the other coefficients as there{beside}{others}"
+        f"{'' if own else f' ({difference.mechanism})'} is {there} there and here {here}, a difference of "
+        f"{_size(difference)} with the other coefficients as there (errors of both flights{beside}; the table's sigma "
+        f"is the model's alone, beside processes){others}"
     )
 
 

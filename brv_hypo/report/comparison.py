@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothesis
-from brv_hypo.io.text import hypothesis, probability
+from brv_hypo.io.text import hypothesis, probability, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import LARGE, Block, Chart, Document, Line, Mark, Panel, Role, Section, Span, Texts
@@ -282,13 +282,21 @@ def _compared(comparison: Comparison) -> list[Block]:
     chances = comparison.verdict.probability
     order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
     shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
-    panels, read = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
+    panels, read = charts.share_bars(shares, probability, {}), "Other: something that is not on the list."
     likely = Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=read)
     smallest = sorted(comparison.verdict.limits, key=lambda limit: np.nan_to_num(limit.share_of_moment_95, nan=np.inf))
-    shares = {limit.mechanism: limit.share_of_moment_95 for limit in smallest}
-    panels = charts.share_bars(shares, "third")
+    leader, shares = comparison.ranking[0].mechanism if rows else "", dict[str, float]()
+    for limit in smallest:
+        name = f"{limit.mechanism} (leader)" if limit.mechanism == leader else limit.mechanism
+        whole = f"{name}, throughout" if np.isfinite(limit.share_in_part_95) else name
+        shares |= {whole: limit.share_of_moment_95, f"{name}, in a part": limit.share_in_part_95}
+    roles: dict[str, Role] = {name: "first" if "(leader)" in name else "third" for name in shares}
+    panels = charts.share_bars(shares, share, roles)
     named = "limits", "Upper limits", "largest share of the moment's rms, %"
-    read = "the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    read = (
+        "the most that the leader may make, and that any other could hide beside it; no sign that it is there. What "
+        "acts throughout hides in trim and baseline: a long bar says that the record cannot tell, not that it is large."
+    )
     limits = Chart(*named, panels, caption=f"At 95 %: {read}")
     return [over, likely, limits, Texts(comparison.disagreements, "Disagreements", shown="verbose")]
 

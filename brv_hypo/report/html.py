@@ -29,23 +29,8 @@ from pydantic import BaseModel
 from brv_hypo import __version__
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import runs
-from brv_hypo.report.document import (
-    MOST_OF_A_PATH,
-    Band,
-    Bars,
-    Block,
-    Chart,
-    Document,
-    Layer,
-    Line,
-    Panel,
-    Section,
-    Table,
-    Values,
-    flat,
-    named,
-    thinned,
-)
+from brv_hypo.report import document
+from brv_hypo.report.document import Band, Bars, Block, Chart, Line, Section, Table, Values, flat, named, thinned
 
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
@@ -70,6 +55,7 @@ _SHADES = {"masked": "--masked", "first": "--first-band"}
 _NAME = 13  # height of a mark's name, px
 _WHOLE = 9  # a table of more columns takes the whole width of the page
 _NARROW = 4  # a table of more columns does not fit a third of it
+_TAG = re.compile("<.*?>")
 _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
@@ -83,7 +69,7 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
     shared = {"time": chart.over_time, "height": height, "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
-        histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
+        histories = {name: _bits(thinned(values, document.MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
         rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
         titles = {"xTitle": chart.x, "yTitle": path.y_title}
         return {"path": {**histories, **rule, **titles, "axis": _AXIS}, **shared}
@@ -156,7 +142,7 @@ def _bars(layer: Bars) -> list[dict[str, Any]]:
     return [{**bars, **drawn, **error, "name": layer.name, "marker": {"color": f"--{layer.role}"}}]
 
 
-_TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
+_TRACES: dict[type[document.Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
 
 
 def _layout(chart: Chart) -> dict[str, Any]:
@@ -197,7 +183,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
     return layout
 
 
-def _decades(panel: Panel) -> dict[str, Any]:
+def _decades(panel: document.Panel) -> dict[str, Any]:
     """Ticks at powers of ten alone, where the values span enough of them."""
     values = [np.asarray(layer.y, dtype=float) for layer in panel.layers if isinstance(layer, Line)]
     positive = np.concatenate([each[each > 0.0] for each in values]) if values else np.ones(1)
@@ -239,15 +225,15 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 # ---- The page: templates in `page/`, and what they need ----
 
 
-def page(document: Document, provenance: Mapping[str, str] = {}) -> str:
+def page(content: document.Document, provenance: Mapping[str, str] = {}) -> str:
     """The whole file: conclusion, contents, sections, and at the foot where it came from and how to make it again."""
-    drawn = [plotly_chart(chart) for chart in document.charts]
+    drawn = [plotly_chart(chart) for chart in content.charts]
     data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
     return render(
         "page.html.j2",
-        document=document,
-        answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
-        parts=_parts(document.blocks),
+        document=content,
+        answer=list(map(_cell, _groups((*content.ahead, *content.beside)))),
+        parts=_parts(content.blocks),
         provenance={"version": f"brv-hypo {__version__}", **provenance},
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",
@@ -259,7 +245,8 @@ def render(template: str, **values: Any) -> str:
     loader = PackageLoader("brv_hypo.report", "page")
     known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
-    known.filters |= {"csv": _as_csv, "slug": _slug}
+    known.filters["slug"] = lambda heading: re.sub(r"[^a-z0-9]+", "-", _TAG.sub("", heading).lower()).strip("-")
+    known.filters["csv"] = _as_csv
     known.filters["folding"] = lambda words: escape(words).replace("_", Markup("_<wbr>"))
     known.tests["table"] = lambda block: isinstance(block, Table)
     known.tests["picture"] = lambda block: isinstance(block, Chart)
@@ -297,11 +284,6 @@ def _cell(group: Sequence[Block]) -> dict[str, Any]:
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
     wide = columns > _NARROW or any(chart.over_time or chart.path or chart.counted for chart in pictures)
     return {"blocks": group, "whole": columns > _WHOLE, "wide": wide}
-
-
-def _slug(heading: str) -> str:
-    """The heading as an id: in small letters, figures and hyphens."""
-    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"<.*?>", "", heading).lower()).strip("-")
 
 
 def _as_csv(table: Table) -> str:

@@ -61,7 +61,8 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     usable = f"usable: {spans} s, dynamic pressure {low} to {high} Pa; {moves}"
     title = f"Faults: {'corrected, or to be, as stated' if trial.sound else 'the record contradicts itself'}"
     replaced = any(" replaced " in note or "masked" in note for note in inspection.notes)
-    none = f"No fault is found{', but for the samples that the notes name' if replaced else ''}."
+    noted = ", but for the samples that the notes name (the table counts those of this file)" if replaced else ""
+    none = f"No fault is found{noted}."
     what_then = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
     return [
         Texts((inspection.title or inspection.path,), bullets=False, strong=True),
@@ -166,12 +167,6 @@ def conformance_table(name: str, outcomes: Sequence[CheckOutcome]) -> Table:
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 
 
-def conformance_data(name: str, outcomes: Sequence[CheckOutcome]) -> dict[str, Any]:
-    """The same as data for JSON."""
-    passed, checks = all(outcome.passed for outcome in outcomes), [asdict(outcome) for outcome in outcomes]
-    return {"schema": "brv-hypo/conformance/1", "mechanism": name, "passed": passed, "checks": checks}
-
-
 def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[Block]:
     """What was flown and planted, and how large that is; `verbose` adds each error of record and vehicle."""
     flight, config = flown.flight, flown.config
@@ -180,8 +175,12 @@ def simulation_blocks(flown: SimulatedFlight, *, verbose: bool = False) -> list[
     if flown.truth.planted:
         whole = f"{share(math.hypot(inside, outside))} of the moment's rms"
         planted += f", {whole} ({share(inside)} in plane, {share(outside)} across)"
-    errors = ", ".join((*config.instruments.errors, *(each.mechanism for each in config.asymmetries)))
-    said = f"; errors of the record: {errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
+    named = {
+        "errors of the record": [*config.instruments.errors],
+        "asymmetries of the vehicle": [each.mechanism for each in config.asymmetries],
+    }
+    errors = "".join(f"; {what}: {', '.join(names)}" for what, names in named.items() if names)
+    said = f"{errors}{'' if verbose else ' (sizes: -v)'}" if errors else ""
     texts = (
         f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.",
         f"Planted: {planted}{said}.",

@@ -17,25 +17,11 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import RAISED, share
+from brv_hypo.io.text import RAISED
 from brv_hypo.likelihood.statistics import whiteness
 from brv_hypo.linearisation.nuisance import beyond_level
-from brv_hypo.report.document import (
-    LARGE,
-    SMALL,
-    Band,
-    Bars,
-    Chart,
-    Layer,
-    Line,
-    Mark,
-    Panel,
-    PlanePath,
-    Role,
-    Span,
-    Values,
-    wrapped_degrees,
-)
+from brv_hypo.report import document
+from brv_hypo.report.document import LARGE, Band, Bars, Chart, Layer, Line, Mark, Panel, Role, Span, Values
 
 _BULK = (0.01, 0.99)  # quantiles of the values that a frame always holds
 _FAR = 3.0  # times the width of the bulk that all values take, beyond which the rest of them lies outside the frame
@@ -197,7 +183,7 @@ def _panels(
     """A panel for each moment: the measured one, if any, within its noise, and the models: below it as `dots`."""
     known = np.zeros((2, 0)) if measured is None else measured
     factor, suffix = scale_of(known, *(m.moments for m in models if not m.hidden))
-    panels, size = [], _MIDDLE if dots else SMALL
+    panels, size = [], _MIDDLE if dots else document.SMALL
     for k, title in enumerate(titles):
         layers: list[Layer] = []
         if sigma is not None:
@@ -358,7 +344,7 @@ def flight_charts(setting: Setting, kept: MotionHistories) -> list[Chart]:
 
 def motion_chart(setting: Setting, kept: MotionHistories) -> Chart:
     """Angle of attack and windward meridian, within two standard deviations."""
-    degrees, wrapped = np.degrees(kept.alpha_rad), wrapped_degrees(kept.windward_meridian_rad)
+    degrees, wrapped = np.degrees(kept.alpha_rad), document.wrapped_degrees(kept.windward_meridian_rad)
     wide, turn = (2.0 * np.degrees(each) for each in (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad))
     turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
     alpha, meridian = (Line(kept.time_s, values, "measured", "estimate") for values in (degrees, wrapped))
@@ -381,7 +367,7 @@ def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     # how often the path goes round: its length over the circumference of a circle of its size
     length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))
     cycles = max(float(length / (2.0 * np.pi * size)), 1.0) if size > 0.0 else 1.0
-    path, panels = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles), []
+    path, panels = document.PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles), []
     edges = np.linspace(t[0], t[-1], path.intervals + 1)
     digits = max(0, 1 - int(np.floor(np.log10((edges[1] - edges[0]) or 1.0))))
     for start, stop in pairwise(edges):  # each up to where the next begins
@@ -398,8 +384,8 @@ def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     return Chart(*named, panels, path=path, caption=read)
 
 
-def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
-    """Bars of those that are known, in percent; nothing where none is."""
+def share_bars(shares: Mapping[str, float], written: Callable[[float], str], roles: Mapping[str, Role]) -> list[Panel]:
+    """Bars of those that are known, in percent, of the first role unless `roles` says; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    bars = Bars(list(known), [100.0 * each for each in known.values()], list(map(written, known.values())), role)
-    return [Panel("", [bars])] if known else []
+    bars = [Bars([name], [100.0 * each], [written(each)], roles.get(name, "first")) for name, each in known.items()]
+    return [Panel("", bars)] if bars else []

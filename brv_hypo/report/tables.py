@@ -12,21 +12,8 @@ from brv_hypo.comparison import result
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS, RecordTrial
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import (
-    NOT_A_NUMBER,
-    counted,
-    error_share,
-    estimated,
-    f_ratio,
-    hypothesis,
-    instant,
-    interval,
-    known_to,
-    number,
-    probability,
-    share,
-    times,
-)
+from brv_hypo.io import text
+from brv_hypo.io.text import NOT_A_NUMBER, estimated, f_ratio, hypothesis, interval, known_to, number, share, times
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -82,17 +69,17 @@ def ranking_table(comparison: result.Comparison) -> Table:
             "terms": str(row.n_terms) + ("+" if row.status == "term limit" else ""),
             "F-ratio": number(row.f_ratio),
             "C_p": number(row.cp),
-            "pred. error": error_share(row.prediction_ratio),
+            "pred. error": text.error_share(row.prediction_ratio),
             "ln evidence": f"{row.log_evidence:.1f}".replace("nan", NOT_A_NUMBER),
-            "prob.": probability(verdict.probability.get(row.mechanism)),
+            "prob.": text.probability(verdict.probability.get(row.mechanism)),
         }
         for row in comparison.ranking
     ]
     if result.OTHER in verdict.probability:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
-        rows.append(nothing | {"mechanism": result.OTHER, "prob.": probability(verdict.probability[result.OTHER])})
+        rows.append(nothing | {"mechanism": result.OTHER, "prob.": text.probability(verdict.probability[result.OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    heading = "Hypotheses, by evidence (bold: credible; F-ratio, C_p: fits without processes)"
+    heading = "Hypotheses, by evidence (bold, •: credible; F-ratio, C_p: no processes)"
     return Table(rows, heading, words=("mechanism",), marked=credible)
 
 
@@ -168,7 +155,7 @@ def estimate_blocks(comparison: result.Comparison) -> list[Block]:
     beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
     named: Shown = "verbose" if comparison.verdict.winner is None else "always"
     within = sum(value not in net for value in every) if net else 0
-    rest = f"{counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
+    rest = f"{text.counted(within, 'further value')} within two sigma: see the terms of {hypothesis(leader.mechanism)}."
     rises = any(term.name.startswith("ramp ") for term in leader.terms)
     known = [e for e in leader.derived if e.region_s is None and not e.name.endswith((result.KNOT, result.WIDTH))]
     shown = {term.delay_s for term in every}
@@ -211,7 +198,7 @@ def knot_table(comparison: result.Comparison, row: result.RankedHypothesis) -> T
             place[f"sigma (flight {comparison.reference_flight})"] = number(knot.std_error, 2)
         else:
             mach = comparison.mach_at(knot.value)
-            at = instant(knot.value, knot.std_error) if knot.std_error < lasts else "undetermined"
+            at = text.instant(knot.value, knot.std_error) if knot.std_error < lasts else "undetermined"
             place |= {"time, s": at, "sigma": number(knot.std_error, 2)}
         over = NOT_A_NUMBER if width is None else estimated(width.value, width.std_error)
         rows.append(place | {"over, s": over, "Mach": number(mach)})

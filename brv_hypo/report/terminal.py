@@ -78,10 +78,12 @@ class FittingTable:
             if len(parts[-1]) > 1 and least > options.max_width:
                 parts.append([first])
             parts[-1].append(name)
-        yield from (self._part(names, options.max_width) for names in parts)
+        yield from (self._part(names, options.max_width, plain=not console.is_terminal) for names in parts)
 
-    def _part(self, names: Sequence[str], room: int) -> RenderableType:
-        unfolded = sum(self.widest[name] + _BETWEEN for name in names) - _BETWEEN
+    def _part(self, names: Sequence[str], room: int, *, plain: bool) -> RenderableType:
+        marks = [" •" if index in self.block.marked else "  " for index in range(len(self.block.rows))]
+        marks = marks if plain and self.block.marked else [""] * len(marks)
+        unfolded = sum(self.widest[name] + _BETWEEN for name in names) + max(map(len, marks), default=0) - _BETWEEN
         between = 0 if unfolded > room else 1
         table = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, between, 0, 0))
         for name in names:
@@ -89,7 +91,8 @@ class FittingTable:
             justify: JustifyMethod = "left" if words else "right"
             table.add_column(name, justify=justify, no_wrap=not words, overflow="fold", min_width=least)
         for index, row in enumerate(self.block.rows):
-            table.add_row(*(row[name] for name in names), style="bold" if index in self.block.marked else "")
+            last = f"{row[names[-1]]}{marks[index]}"
+            table.add_row(*(row[name] for name in names[:-1]), last, style="bold" if index in self.block.marked else "")
         return table
 
     def _least_width(self, name: str) -> int:

@@ -217,7 +217,7 @@ def next_step(result: Trace) -> str:
     first = weighed if named or described else ""
     return (
         f"To go on: {first}`brv-hypo predict OTHER.h5 --model MODEL.yaml{plugins}`, with what --write-model MODEL.yaml "
-        "writes here, tells whether it holds on another flight."
+        "writes here, which has hints too (as --json), tells whether it holds on another flight."
     )
 
 
@@ -332,7 +332,8 @@ def prediction_document(result: Prediction) -> Document:
         subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
         conclusion_title=result.outcome if sound else IN_DOUBT,
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
-        decided=sound and not (result.refused or result.lacks_an_effect),
+        brief=result.brief if sound else "",
+        decided=sound and not result.is_contradicted,
         blocks=(
             Table(errors, "Mean square of the moment coefficients, over all samples", ("moments less",)),
             Table(regions, "Error with the frozen model over that without a model, all samples, by interval"),
@@ -372,11 +373,11 @@ def _percent(ratio: float) -> str:
 
 
 def _errors(result: Prediction) -> dict[str, float]:
-    error, band = result.error, result.band
+    error = result.error
     return {
         "nothing": error.without,
         f"the frozen model{result.without}": error.frozen,
-        "the frozen model, record errors fitted": float(np.mean(np.subtract(band.measured, band.predicted) ** 2)),
+        "the frozen model, record errors fitted": error.within,
         "the model fitted here (to rates and forces)": error.own,
         "noise alone": error.noise,
     }

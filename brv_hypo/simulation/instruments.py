@@ -54,7 +54,8 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     record, motion, _ = start_of(config)
     errors = {name: dict(values) for name, values in config.instruments.errors.items()}
     for effect in nuisance_effects():
-        components = effect.components(record)
+        if not (components := effect.components(record)):  # of a gap that the record lacks
+            continue
         values = _values(effect.name, [component.size for component in components], factor, seed)
         own = errors.setdefault(effect.name, {})
         for component, value in zip(components, values, strict=True):

@@ -31,18 +31,8 @@ from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import takes_settings
 from brv_hypo.simulation import Truth, simulate
-from brv_hypo.study.config import (
-    NONE,
-    Draw,
-    StudyConfig,
-    StudySettings,
-    check_names,
-    corrupted,
-    draws,
-    flight_config,
-    planted_faults,
-    read_study,
-)
+from brv_hypo.study import config
+from brv_hypo.study.config import NONE, Draw, StudyConfig, StudySettings, draws, planted_faults, read_study
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 Work = TypeVar("Work")
@@ -132,13 +122,13 @@ def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) ->
         use_plugin_files(plugins)
     begun = time.perf_counter()
     try:
-        flown = simulate(flight_config(study, draw), seed=draw.seed)
+        flown = simulate(config.flight_config(study, draw), seed=draw.seed)
     except Exception as error:
         return Outcome(draw=draw, status="not simulated", reason=_reason(error))
     in_plane, out_of_plane = effect_size(flown.truth)
     known: dict[str, Any] = {"draw": draw, "effect_in_plane": in_plane, "effect_out_of_plane": out_of_plane}
     try:
-        flight = assemble(corrupted(flown.record, draw)) if draw.fault else flown.flight
+        flight = assemble(config.corrupted(flown.record, draw)) if draw.fault else flown.flight
         found = compare([flight], study.compare)
     except Exception as error:
         return Outcome(**known, status="not compared", reason=_reason(error))
@@ -174,8 +164,6 @@ class Store:
         self._path = folder / FLIGHTS
         make_folder(folder)
         check_target(self._path, overwrite=True)
-        if (folder / "flights.jsonl").exists() and not self._path.exists() and not overwrite:
-            raise UsageError(f"{folder} holds a study of an earlier version. Choose another folder, or give --force.")
         with _refusals(self._path):
             self._database = sqlite3.connect(self._path, timeout=0.0, isolation_level=None)
         try:
@@ -290,7 +278,7 @@ def run_study(
     'none'
     """
     chosen, report = read_study(study, **settings), report_to(progress)
-    check_names(chosen)
+    config.check_names(chosen)
     wanted = draws(chosen)
     with closing(Store(Path(folder), chosen, overwrite=overwrite)) as store:
         known = store.known()

@@ -24,16 +24,8 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import turning_rates
 from brv_hypo.io.text import times
-from brv_hypo.mechanisms.yaml_mechanism import (
-    Axis,
-    Factor,
-    MechanismFile,
-    Quantity,
-    Turn,
-    YamlMechanism,
-    YamlTerm,
-    values_of,
-)
+from brv_hypo.mechanisms import yaml_mechanism
+from brv_hypo.mechanisms.yaml_mechanism import Axis, Factor, MechanismFile, Quantity, Turn, YamlMechanism, YamlTerm
 from brv_hypo.model.term import ALWAYS, Regressor
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.families import Beside
@@ -93,7 +85,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     one = len(motions) == 1
     found = [*(_turning(motions[0]) if one else ()), *_throughout()]
     for quantity in list(_QUANTITIES) if one else list(_QUANTITIES)[:-1]:
-        values = np.concatenate([values_of(motion, quantity) for motion in motions])
+        values = np.concatenate([yaml_mechanism.values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
             found += _steps(quantity, low, high)

@@ -7,14 +7,8 @@ from typing import Any, Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.comparison.result import (
-    FlightSummary,
-    Interval,
-    MotionHistories,
-    ReconstructionSummary,
-    RecordError,
-    TermEstimate,
-)
+from brv_hypo.comparison import result
+from brv_hypo.comparison.result import FlightSummary, Interval, MotionHistories, RecordError, TermEstimate
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import below_noise, interval, number, p_value
@@ -207,7 +201,7 @@ class Trace(HasCharts, Result):
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary = Field(description="the last")
-    reconstruction: ReconstructionSummary | None = Field(default=None, description="how well the motion is known")
+    reconstruction: result.ReconstructionSummary | None = Field(default=None, description="how well motion is known")
     record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
     collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
     collinear_groups: tuple[tuple[str, ...], ...] = Field(default=(), description="names that these pairs link")

@@ -32,25 +32,14 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
+from brv_hypo.tracing import result
 from brv_hypo.tracing.acceptance import Candidate, Choice, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, impossible_in
 from brv_hypo.tracing.fit import Fit, Flights, converged, converged_from, correct, fitted_about, require_samples
-from brv_hypo.tracing.result import (
-    GIVEN_MODEL,
-    TRACED_SMALLEST,
-    Account,
-    Errors,
-    Step,
-    Stop,
-    Trace,
-    TraceConfig,
-    TraceSettings,
-    TriedCandidate,
-    lasting_steps,
-)
+from brv_hypo.tracing.result import Account, Errors, Step, Stop, Trace, TraceConfig, TraceSettings, TriedCandidate
 
 _MOST_REPORTED = 8  # candidates in a step's table
 
@@ -86,15 +75,15 @@ def trace(
     config = settings_of(TraceConfig, config, settings)
     own = flights_of(flights)
     records = tuple(averaged(flight) for flight in own)
-    fewest = max(TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
+    fewest = max(result.TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
     for record in records:
         advice = "Widen --start and --stop, or have fewer `blocks` in the configuration."
         require_samples(record, fewest, f"hold any of {config.blocks} blocks out. {advice}")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        result = _trace(Flights(records, config), stages(report_to(progress), {}))
+        traced = _trace(Flights(records, config), stages(report_to(progress), {}))
     given = config.model_dump(mode="json", exclude_defaults=True, exclude={"start", "columns", "aero"})
     tried = record_summary([try_record(flight)[1] for flight in own])
-    return result.model_copy(update={"record": tried, "settings": given})
+    return traced.model_copy(update={"record": tried, "settings": given})
 
 
 def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
@@ -123,8 +112,8 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
         bend = [StaticBend.name] if StaticBend.name not in last.model.mechanisms else []  # an effect in its place
         steps = _confirmed(steps, beside_processes(last, first.model.without(bend)), impossible)
     steps, account = beside_hints(steps), _account(fits, steps)
-    result = gathered(last, whole, impossible, first.left, alone.null, steps, account, stopped, discovery)
-    return result.model_copy(update={"seconds": clock.perf_counter() - begun})
+    made = gathered(last, whole, impossible, first.left, alone.null, steps, account, stopped, discovery)
+    return made.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
 def _start(source: Flights) -> Fit:
@@ -154,7 +143,7 @@ def _account(fits: Sequence[Fit], steps: Sequence[Step]) -> tuple[Account, ...]:
     first, added = fits[0], [step.added for step in steps if step.added is not None]
     source, start, models = first.data.source, "constant", list[tuple[str, Fit]]()
     if source.config.start != "none" or source.config.aero is not None:
-        start = GIVEN_MODEL
+        start = result.GIVEN_MODEL
     elif has_schedule(first.model):
         models = [(start, converged(source, start_model(source)))]  # as with the setting `baseline: constant`
         start = "scheduled"
@@ -251,7 +240,7 @@ def beside_hints(steps: Sequence[Step]) -> list[Step]:
     """The steps, their findings hints where they rest on a hint, for which they may make up."""
     found = list[Step]()
     for step in steps:
-        rests = any(each.status == "hint" for each in lasting_steps([*found, step])[:-1])
+        rests = any(each.status == "hint" for each in result.lasting_steps([*found, step])[:-1])
         found.append(step.as_hint("it rests on an earlier hint") if rests and step.status is not None else step)
     return found
 

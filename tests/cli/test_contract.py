@@ -203,8 +203,8 @@ def test_the_console_script_is_the_program(brv_hypo):
     ("seconds", "quiet", "expected"),
     [
         (12.0, False, ""),
-        (40.0, False, "brv-hypo: tracing takes about 40 s\n"),
-        (400.0, False, "brv-hypo: tracing takes about 7 min\n"),
+        (40.0, False, "brv-hypo: tracing takes about 40 s of a free processor\n"),
+        (400.0, False, "brv-hypo: tracing takes about 7 min of a free processor\n"),
         (400.0, True, ""),
     ],
 )

@@ -156,7 +156,7 @@ def test_the_ranking_that_the_manual_shows_is_that_of_the_demo(demo_once):
     (shown,) = (each for each in snippets("verdict") if each.body.startswith("rank mechanism"))
     number = r"(\S+)(?: %)?"
     rows = re.compile(
-        rf"^ +(\d) +([a-z][a-z ]*?) +(\d+) +{number} +{number} +{number} +{number} +[<>]\d+ %$", re.MULTILINE
+        rf"^ +(\d) +([a-z][a-z ]*?) +(\d+) +{number} +{number} +{number} +{number} +[<>]\d+ %[ •]*$", re.MULTILINE
     )
     printed = {row[:3]: row[3:] for row in rows.findall(demo_once("demo").stdout)}
     quoted = rows.findall(shown.body)

@@ -41,6 +41,24 @@ def test_jittered_time_is_resampled_to_the_motion(seed: int, jitter: float) -> N
     assert "resampled" in note
 
 
+@pytest.mark.parametrize(("digits", "within"), [(4, True), (3, False), (5, True)])
+def test_stamps_within_their_rounding_are_those_of_an_even_clock(digits: int, within: bool) -> None:
+    """342 Hz, printed to 0.1 ms, which is 1.7 % of the step; whole milliseconds tell no such rate."""
+    even = 45296.0 + np.arange(1500) / 342.0
+    stamps = np.round(even, digits)
+    time, channels, notes = regularise(stamps, {"q": np.sin(even)})
+    assert any("not uniform" in note for note in notes) is not within
+    if within:
+        assert np.array_equal(channels["q"], np.sin(even))
+        np.testing.assert_allclose(time, even, atol=1e-5)
+
+
+def test_stamps_that_err_by_more_than_their_rounding_are_resampled() -> None:
+    uneven = np.arange(1500) / 342.0 + 2e-4 * np.sin(np.arange(1500))
+    _, _, notes = regularise(np.round(uneven, 4), {"q": np.sin(uneven)})
+    assert "not uniform" in notes[0]
+
+
 def test_strongly_jittered_time_is_resampled_and_bridged(tmp_path: Path) -> None:
     channels = motion(500, 100.0, frequency=1.0)
     steady = channels["time"].copy()

@@ -16,7 +16,7 @@ from brv_hypo.flight.plausibility import gyro_fault
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
-from brv_hypo.importing.guess_rules import by_name, units_in
+from brv_hypo.importing.guess_rules import by_name, sense, units_in
 from brv_hypo.motion import reconstruct, try_record
 from brv_hypo.simulation import simulate
 from tests.flight.records import UNITS, VEHICLE
@@ -93,6 +93,35 @@ def test_a_unit_with_other_axes_is_rotated(tmp_path: Path, axis: int, sign: floa
         columns[f"gyr_{to}_radps"] = flips[place] * log["pqr"[place]]
     guess = guess_map(write_csv(tmp_path / "a.csv", columns))
     assert yaml.safe_load(guess.text).get("rotation") == (None if (axis, sign) == (0, 1.0) else "auto")
+
+
+def test_plain_aviation_names_and_signs_are_read(tmp_path: Path) -> None:
+    """Telemetry with NZ positive up and the yaw rate to port: the names and the forces say so."""
+    flown = simulate("research_cone", seed=5, duration=3.0).flight
+    columns = {
+        "GMT_sec": flown.time + 45296.0,
+        "VTAS_mph": flown.velocity / 0.44704,
+        "QBAR_mbar": flown.dynamic_pressure / 100.0,
+    }
+    rates = zip(("ROLLRATE", "PITCHRATE", "YAWRATE"), (flown.p, flown.q, -flown.r), strict=True)
+    columns |= {f"{name}_dps": rate / DEGREE for name, rate in rates}
+    columns |= {"NX_fps2": flown.ax / FOOT, "NY_fps2": flown.ay / FOOT, "NZUP_fps2": -flown.az / FOOT}
+    guess = guess_map(write_csv(tmp_path / "tm.csv", columns))
+    channels = channels_of(guess.text)
+    assert channels["az"] == {"column": "NZUP_fps2", "units": "ft/s^2", "scale": -1}
+    assert channels["velocity"] == {"column": "VTAS_mph", "units": "mph"}
+    assert any("as if p, q, r were p, q, -r" in each for each in guess.unsure)
+    assert any(each.startswith("az: its name says up") for each in guess.unsure)
+
+
+@pytest.mark.parametrize(
+    ("column", "scale", "doubtful"),
+    [("NZ", 1, True), ("NZ_UP", -1, True), ("NzDown", 1, False), ("az_g", 1, False), ("normal_accel", 1, True)],
+)
+def test_a_normal_acceleration_may_be_positive_up(column: str, scale: int, doubtful: bool) -> None:
+    assert by_name([column])[0] == {"az": column}
+    assert (sense("az", column)[0], bool(sense("az", column)[1])) == (scale, doubtful)
+    assert units_in("KTAS", "speed") == "knot"
 
 
 def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> None:

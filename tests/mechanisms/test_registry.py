@@ -11,6 +11,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find, find_installed, installed, mechanisms, parse_hypothesis, use_plugin_files
+from brv_hypo.mechanisms.checked import fault
 from tests.cli.conftest import brv_hypo
 
 __all__ = ["brv_hypo"]
@@ -159,3 +160,7 @@ def test_what_a_plugin_prints_is_not_in_the_json(tmp_path):
     done = listing(tmp_path, "--json", "-")
     assert "hello" in done.stderr
     assert "warnings" not in json.loads(done.stdout)
+
+
+def test_a_plugins_error_ends_in_one_full_stop():
+    assert "are required. Repair it" in str(fault("four_lobes", "lobes.py", "ValueError: two are required."))

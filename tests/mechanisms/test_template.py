@@ -75,13 +75,24 @@ def test_an_existing_package_is_not_changed(tmp_path):
     assert (package / "README.md").read_text() == "my notes"
 
 
-def test_a_missing_parent_is_a_readable_refusal(tmp_path):
+def test_a_missing_parent_is_made(tmp_path):
+    assert write_plugin("mine", tmp_path / "of" / "mine").is_dir()
+    (tmp_path / "file").write_text("no directory")
     with pytest.raises(UsageError, match="cannot be written"):
-        write_plugin("mine", tmp_path / "nowhere")
+        write_plugin("mine", tmp_path / "file" / "below")
+
+
+def test_a_process_is_written_that_keeps_the_contract(tmp_path):
+    package = write_plugin("five_lobes", tmp_path, "process")
+    environment = package, {**os.environ, "PYTHONPATH": os.pathsep.join([str(package), *filter(None, sys.path)])}
+    plugin = "brv_hypo_five_lobes.py"
+    assert "class FiveLobes(MomentProcess)" in (package / plugin).read_text()
+    done = run(environment, "brv_hypo", "mechanisms", "check", "five_lobes", "--plugin", plugin)
+    assert "passes 20 of 20 checks" in done.stdout, done.stderr
 
 
 def test_an_effect_is_written_with_tests_of_its_own(tmp_path):
-    package = write_plugin("gyro_trend", tmp_path, effect=True)
+    package = write_plugin("gyro_trend", tmp_path, "effect")
     written = sorted(str(file.relative_to(package)) for file in package.rglob("*") if file.is_file())
     assert written == ["README.md", "brv_hypo_gyro_trend.py", "pyproject.toml", "tests/test_brv_hypo_gyro_trend.py"]
     assert not any("$" in file.read_text() for file in package.rglob("*") if file.is_file())
@@ -90,7 +101,7 @@ def test_an_effect_is_written_with_tests_of_its_own(tmp_path):
 
 @pytest.mark.slow
 def test_the_tests_that_come_with_an_effect_pass(tmp_path):
-    package = write_plugin("gyro_trend", tmp_path, effect=True)
+    package = write_plugin("gyro_trend", tmp_path, "effect")
     site = tmp_path / "site"
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*pip, "--target", str(site), str(package)], check=True, capture_output=True, text=True)

@@ -15,7 +15,7 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.text import number
+from brv_hypo.io.text import known_to, number
 from brv_hypo.linearisation.channels import HELD_OUT_SHORTEST
 from brv_hypo.model.model import SavedModel, digest
 from brv_hypo.model.term import BASELINE
@@ -82,6 +82,9 @@ def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> Non
     assert error.own <= error.frozen * 1.01
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
     assert predicted.ratio == pytest.approx(error.frozen / error.without)
+    assert error.own <= 1.01 * error.within
+    assert error.within - error.noise < 0.01 * (error.frozen - error.noise)
+    assert f"record errors fitted, leaves {number(100.0 * error.within / error.without, 2)} %" in predicted.reason
 
 
 def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) -> None:
@@ -101,6 +104,12 @@ def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced:
     assert found.difference.value == pytest.approx(0.1 * own.C_mq, abs=3.0 * found.difference.std_error)
     assert "contradicts the model" in found.reason
     assert "too narrow" not in found.reason
+    assert found.outcome.startswith("Prediction: the model is contradicted (p-value ")
+    assert "; C_mq differs by -" in found.brief
+    assert len(found.brief) < 200
+    least, frozen = found.difference.std_error, found.difference.frozen
+    here = known_to(frozen + found.difference.value, least)
+    assert f" is {known_to(frozen, least)} there and here {here}, a difference of -" in found.reason
     assert not predicted.refused
     assert "contradicts" not in predicted.reason
 
@@ -127,7 +136,7 @@ def test_coefficients_that_differ_together_are_named_together(
     for each in differences:
         assert each is not None
         assert each.value == pytest.approx(by[each.term], abs=3.0 * each.std_error)
-        assert f"{each.term} is {each.frozen:.4g}" in found.reason
+        assert f"{each.term} is {known_to(each.frozen, each.std_error)} there" in found.reason
 
 
 def test_what_cannot_be_distinguished_is_an_alternative(not_refitted: Prediction) -> None:

@@ -38,7 +38,7 @@ from brv_hypo.io.text import hypothesis, number, probability
 from brv_hypo.linearisation.nuisance import BEYOND_CHANCE, beyond_level
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
-from brv_hypo.report.document import Table, Texts, flat
+from brv_hypo.report.document import Bars, Table, Texts, flat
 from brv_hypo.report.html import page
 from brv_hypo.report.tables import (
     RISING,
@@ -182,6 +182,27 @@ class TestTerminal:
         assert max(map(cell_len, shown.splitlines())) <= 80
         assert len(shown.splitlines()) <= 46
 
+    def test_a_limit_in_a_part_is_drawn_beside_that_throughout(self) -> None:
+        """A long bar of what hides in trim and baseline read as a larger cause than the leader."""
+        parts = {"share_of_moment_95": 0.59, "share_in_part_95": 0.011}
+        hides, leads = (
+            MechanismLimit(mechanism="bodyfixed", **parts),
+            MechanismLimit(mechanism="damping", share_of_moment_95=0.18),
+        )
+        (chart,) = (c for c in comparison_document(graded(limits=(hides, leads))).charts if c.name == "limits")
+        bars = [layer for layer in chart.panels[0].layers if isinstance(layer, Bars)]
+        assert [(*bar.names, bar.role) for bar in bars] == [
+            ("damping (leader)", "first"),
+            ("bodyfixed, throughout", "third"),
+            ("bodyfixed, in a part", "third"),
+        ]
+        assert [*bars[2].values] == pytest.approx([1.1])
+
+    def test_what_is_credible_has_a_mark_without_bold_too(self) -> None:
+        lines = printed(graded("damping")).splitlines()
+        assert next(line for line in lines if line.split()[:2] == ["1", "damping"]).endswith(" •")
+        assert not any(line.endswith("•") for line in lines if line.split()[:2] == ["2", "lag"])
+
     def test_a_limit_is_a_moment_at_the_pressure_of_the_record(self) -> None:
         comparison = compared_sticking()
         each = comparison.verdict.limits[0]
@@ -219,7 +240,7 @@ class TestTerminal:
 
     def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:
         shown = printed(graded(explained=None, processes=()))
-        assert "rocess" not in shown.replace("fits without processes", "")
+        assert "rocess" not in shown.replace("no processes", "")
         assert "explains" not in shown
 
     def test_the_ranking_has_the_evidence_in_the_order_of_the_ranks(self) -> None:

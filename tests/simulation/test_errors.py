@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from brv_hypo.motion import reconstruct
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 from brv_hypo.simulation.instruments import drawn, start_of, with_errors
+from brv_hypo.simulation.vehicle import planted
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 from tests.truth import load_truth
 
@@ -36,8 +38,9 @@ def test_every_nuisance_effect_and_tolerance_is_drawn_from_its_size() -> None:
     config = load_config({**CONE, "instruments": {"grade": "industrial", "draw": 2.0}})
     flights = [drawn(config, seed) for seed in SEEDS]
     assert flights[0].instruments.draw == 0.0
-    assert set(flights[0].instruments.errors) == set(NUISANCES)
     record, _, _ = start_of(config)
+    assert set(flights[0].instruments.errors) == {n for n, effect in NUISANCES.items() if effect.components(record)}
+    assert "gap_turn" not in flights[0].instruments.errors
     for name, effect in NUISANCES.items():
         for component in effect.components(record):
             values = [f.instruments.errors[name][component.name] for f in flights]
@@ -173,6 +176,24 @@ def test_a_process_of_the_record_moves_its_channel_by_its_spline(name: str) -> N
         share = before if name == "density_change" else 1.0
         expected = before + spline * share if each == channel else before
         np.testing.assert_allclose(found.channels[each], expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("entry", [{}, {"start": 1.0, "stop": 2.0}, {"options": {"start": 1.0, "stop": 2.0}}])
+def test_a_process_of_the_moment_is_planted_as_the_manual_says(entry: dict[str, Any]) -> None:
+    """Spline k of n peaks (k - 1) h after the start; the entry's ends cut it, those of its options squeeze it."""
+    planting = {"mechanism": "two_lobes", "terms": {"two_lobes 0 2": 0.001}, **entry}
+    config = load_config({"base": "research_cone", "duration": 3.0, "mechanisms": [planting]})
+    _, motion, _ = start_of(config)
+    time = np.linspace(0.0, 3.0, 601)
+    (made,) = planted(config, config.mechanisms)
+    still = replace(motion, time=time, alpha=np.full(601, 0.1), windward_meridian=np.zeros(601))
+    history = made.contribution(still)[0] / 1e-4
+    cut, (start, stop) = "start" in entry, (1.0, 2.0) if "options" in entry else (0.0, 3.0)
+    expected = time_splines(time, start, stop, 5)[:, 2] * (((time >= 1.0) & (time < 2.0)) if cut else 1.0)
+    np.testing.assert_allclose(history, expected, atol=1e-12)
+    peak = start + (2 - 1) * (stop - start) / (5 - 3)
+    assert time[np.argmax(history)] == pytest.approx(peak)
+    assert np.max(history) == pytest.approx(2.0 / 3.0)
 
 
 def test_the_air_moves_as_the_process_of_the_wind_says() -> None:
