@@ -195,16 +195,16 @@ class Searched:
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
         """Hypotheses linear about one, and about another that leads there: the likelier of both."""
-        first = self._settled(self.problem, point, fits)
+        first = self._about_itself(self.problem, point, fits)
         leader = likeliest(first.fits)
         if leader.name == point.name:
             return first
-        second = self._settled(first.problem, leader, first.fits, _point_beside(first))
+        second = self._about_itself(first.problem, leader, first.fits, _point_beside(first))
         if second.absolute > first.absolute:
             return second
         return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == point.name else first
 
-    def _settled(
+    def _about_itself(
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
     ) -> Judged:
         """Hypotheses linear about one. Where its residual is more than noise, processes are far beyond their ordinary
@@ -216,8 +216,8 @@ class Searched:
         here = self._linear(problem, fit, point)
         known, elsewhere = _beside_processes(here, fit, few), None
         near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)
-        settled = at is None and near and len(known.leading.fit.regions) < 2
-        for _ in range(0 if settled else LINEARISATIONS):
+        enough = at is None and near and len(known.leading.fit.regions) < 2
+        for _ in range(0 if enough else LINEARISATIONS):
             leader = known.leading.fit
             if leader.name != fit.name:
                 break

@@ -123,7 +123,7 @@ def process_texts(comparison: result.Comparison) -> list[Block]:
     """What the columns of the processes mean, which are left out of the table, and what is beside each hypothesis."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    none = (f"No process ({SLOW}) makes more than {share(result.LEAST_PROCESS)} of the moment.",)
+    none = (f"No process ({SLOW}) makes over {share(result.LEAST_PROCESS)} of the moment.",)
     others = (f"Estimated below {share(result.LEAST_PROCESS)} of the moment: {small}. {KIN}",) if small else ()
     rows = []
     for row in comparison.ranking:

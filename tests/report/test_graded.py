@@ -235,7 +235,7 @@ class TestTerminal:
 
     def test_that_no_process_is_large_is_said(self) -> None:
         shown = " ".join(printed(graded(processes=PROCESSES[-1:])).split())
-        assert "in all hypotheses) makes more than 0.1 % of the moment." in shown
+        assert "in all hypotheses) makes over 0.1 % of the moment." in shown
         assert "Processes beside" not in shown
 
     def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:
