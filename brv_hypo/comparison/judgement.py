@@ -15,28 +15,13 @@ from operator import attrgetter
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.comparison import with_processes
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import channel_of, within_bounds
 from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Reading, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
-from brv_hypo.comparison.with_processes import (
-    OUT_OF_REACH,
-    WIDENED,
-    Pair,
-    acting,
-    beyond_linear,
-    in_one_region,
-    likelier,
-    moved,
-    plainest,
-    price,
-    scanned,
-    squares_of_regions,
-    together,
-    widened,
-    with_its_evidence,
-)
+from brv_hypo.comparison.with_processes import Pair, acting, likelier, moved, price, squares_of_regions
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
 from brv_hypo.inference.derivatives import as_planted, beside_its_processes, moment_of_process, scale_variance
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
@@ -296,14 +281,14 @@ def _beside_processes(
     for name, fit in rest.items():
         first[name] = Pair(fit, null)
         if fit.selected:
-            first[name] = with_its_evidence(rows, fit, start, null.at, rounds=1)
+            first[name] = with_processes.with_its_evidence(rows, fit, start, null.at, rounds=1)
     pairs = _likeliest_forms(problem, [first[fit.name] for fit in fits], null, rows.frame_of(about), done)
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     # What explains little beside processes leads only where its gain, as that counts, is worth its price.
     worth = [k for k, pair in enumerate(pairs) if weighed(pair, null, share_of(pair)) >= 0.0]
     place = max(worth, key=lambda k: pairs[k].possible_level - prices[k])
     if pairs[place].fit.name not in done:
-        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+        pairs[place] = with_processes.scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair.fit) == acting_in(fit)]
         like, own = min(same, key=lambda pair: len(pair.fit.mechanisms))
@@ -316,7 +301,7 @@ def _beside_processes(
         _estimated(pair, weighed(pair, null, each), independent * share, scale)
         for pair, share, each in zip(pairs, shares, weights, strict=True)
     ]
-    if np.any(more := beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
+    if np.any(more := with_processes.beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
         stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
     return Judged(problem, rows, tuple(stated), tuple(own for _, own in pairs), weight)
@@ -331,22 +316,22 @@ def _likeliest_forms(
     offered, best = [[each] for each in pairs], max(each.level for each in pairs)
     for place in sorted(range(len(pairs)), key=lambda k: -pairs[k].level):
         if pairs[place].fit.selected and pairs[place].fit.name not in done:
-            offered[place] = in_one_region(problem, pairs[place], null, frame, best)
+            offered[place] = with_processes.in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *(each.level for each in offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
     leading = max(found, key=attrgetter("level"))
-    least = leading.level - min(OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
+    least = leading.level - min(with_processes.OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k].fit.mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place].fit.mechanisms) > 1:
-            some = together(problem, pairs[place], alone)
+            some = with_processes.together(problem, pairs[place], alone)
             found[place] = best_of = likelier(some)
         elif best_of.fit.selected:
             alone[best_of.fit.name] = best_of
         if best_of.fit.selected and best_of.level > least and best_of.fit.name not in done:
-            found[place] = plainest(problem, some, null)
-    high = max(each.level for each in found) - WIDENED
-    return [widened(problem, e) if e.level > high and e.fit.name not in done else e for e in found]
+            found[place] = with_processes.plainest(problem, some, null)
+    high = max(each.level for each in found) - with_processes.WIDENED
+    return [with_processes.widened(problem, e) if e.level > high and e.fit.name not in done else e for e in found]
 
 
 def share_of(pair: Pair) -> float:

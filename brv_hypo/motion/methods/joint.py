@@ -18,14 +18,8 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.inertial import (
-    InertialRecord,
-    NominalMotion,
-    WindStart,
-    gravity_known,
-    inertial_record,
-    start_from_nose,
-)
+from brv_hypo.motion import inertial, smoother
+from brv_hypo.motion.inertial import InertialRecord, NominalMotion, WindStart
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
@@ -41,17 +35,7 @@ from brv_hypo.motion.responses import (
     projected_variance,
 )
 from brv_hypo.motion.signals import rms, with_smooth_air
-from brv_hypo.motion.smoother import (
-    BENT,
-    Columns,
-    LinearMeasurement,
-    MeasurementModel,
-    WalkEquations,
-    WalkSolution,
-    force_measurement,
-    moment_measurement,
-    walk_equations,
-)
+from brv_hypo.motion.smoother import Columns, LinearMeasurement, MeasurementModel, WalkEquations, WalkSolution
 from brv_hypo.thresholds import FORCE_UNEXPLAINED
 
 START_PARTS = 5  # unknowns before the errors of the record: direction and gravity at the first sample
@@ -165,7 +149,7 @@ class RandomWalkSmoother:
         for gap in record.flight.gaps:
             share = np.linspace(0.0, 1.0, gap.stop - gap.start + 2)[1:-1]
             self.in_gaps[gap] = (rate * step * (gap.stop - gap.start)) ** 2 * share * (1.0 - share)
-        self.nose_start = start_from_nose(record)
+        self.nose_start = inertial.start_from_nose(record)
 
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
@@ -318,7 +302,7 @@ class RandomWalkSmoother:
             of_globals = partial(columns, int(ends[k]), point.columns[k], gain, by_errors)
             without_walk = point.residuals[k] + gain[:, 0] * walk.real + gain[:, 1] * walk.imag
             found.append(LinearMeasurement(without_walk, gain, of_globals, measurement.sigma))
-        return walk_equations(found, self.step_variance)
+        return smoother.walk_equations(found, self.step_variance)
 
     def _globals(self, point: _Point) -> FloatArray:
         """The globals at a point, from which a step counts them; no direction is likelier than another."""
@@ -333,10 +317,10 @@ class RandomWalkSmoother:
         for measurement, values in zip(measurements, point.coefficients, strict=True):
             if measurement.bends:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
-                known[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
+                known[at + measurement.slope_basis.shape[1]] = (smoother.BENT**2 / slope) ** 2
             at += measurement.unknowns
         information, gravity = np.diag(known), slice(2, START_PARTS)
-        mean[gravity], information[gravity, gravity] = gravity_known(point.nominal)
+        mean[gravity], information[gravity, gravity] = inertial.gravity_known(point.nominal)
         return mean, information
 
 
@@ -360,7 +344,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True
     if perturbations:
         problem, near, left, converged = _linearised(record, config, perturbations)
-    measurement = force_measurement(problem.record, problem.responses)
+    measurement = smoother.force_measurement(problem.record, problem.responses)
     fit, wander = _with_force(problem, measurement, near, left), 0.0
     measured, warnings = problem.record.measured, tuple[str, ...]()
     alone, residual = _relative_error(fit, measured), fit.residual[measured]
@@ -372,7 +356,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
             "its noise: wrong units, axes or signs of gyros or accelerometers, or a wrong speed, are likely",
         )
     if alone > FORCE_ENOUGH:
-        fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
+        fit = _with_moment(problem, fit.measurements, smoother.moment_measurement(problem.record, problem.responses))
         warnings += (
             f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment measures "
             "the attitude to the wind as well",
@@ -419,7 +403,7 @@ def _linearised(
         fit = _rough_fit(RandomWalkSmoother(record, responses, known), near, left)
         moved, near = rms(fit.crossflow - old) / rms(np.hypot(*fit.sigmas())), (*fit.near[:2], None)
         known = fit.effects.value
-        record = inertial_record(corrected(flight, fit.effects), config)
+        record = inertial.inertial_record(corrected(flight, fit.effects), config)
         force = fit.normal_force
         left, converged = _left(record, force), fit.converged
         del fit
@@ -433,12 +417,12 @@ def _linearised(
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float) -> SmoothedMotion:
     """A fit with simple slopes, of the force alone where it says enough; its noise larger by what slopes lack."""
     record, responses = problem.record, problem.responses
-    measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
+    measurement = smoother.force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
     fit = problem.solve((force,), near, MOTION_ROUGH)
     if _relative_error(fit, record.measured) < FORCE_ENOUGH:
         return fit
-    return problem.solve((force, _with_anomalies(moment_measurement(record, responses))), enough=MOTION_ROUGH)
+    return problem.solve((force, _with_anomalies(smoother.moment_measurement(record, responses))), enough=MOTION_ROUGH)
 
 
 def _with_force(
