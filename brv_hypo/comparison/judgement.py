@@ -25,18 +25,10 @@ from brv_hypo.comparison.with_processes import Pair, acting, likelier, moved, pr
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
 from brv_hypo.inference.derivatives import as_planted, beside_its_processes, moment_of_process, scale_variance
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
-from brv_hypo.inference.fit import (
-    SEARCH_OUT_OF_REACH,
-    HypothesisFit,
-    fit_hypothesis,
-    follows_static_moment,
-    likeliest,
-    renewed,
-    self_consistent,
-)
+from brv_hypo.inference.fit import HypothesisFit, all_renewed, fit_hypothesis, likeliest, self_consistent
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.refinement import FINAL, ROUGH, Steps, shift_sigma
+from brv_hypo.inference.refinement import shift_sigma
 from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
@@ -271,7 +263,7 @@ def _beside_processes(
     Those `known` there are not tried again.
     """
     (whole, problem), done = linear, {} if known is None else {pair.fit.name: pair for pair in known.pairs}
-    rest = {each.name: each for each in _renewed(problem, [fit for fit in fits if fit.name not in done])}
+    rest = {each.name: each for each in all_renewed(problem, [fit for fit in fits if fit.name not in done])}
     if known is None:
         rows, start = rows_under_own_noise(whole, rest[about.name])
         null = maximised(rows, rows.terms(None), start)
@@ -339,15 +331,6 @@ def share_of(pair: Pair) -> float:
     return max(pair.evidence.share_of_terms, _LEAST_SHARE) if pair.fit.selected else 1.0
 
 
-def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
-    """The fits linearised about the leader, knots and delays there; those out of reach keep theirs."""
-    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
-    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
-    first = likeliest(there)
-    worst = first.information + SEARCH_OUT_OF_REACH
-    return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
-
-
 def weighed(pair: Pair, null: Evidence, weight: float) -> float:
     """The log evidence over the baseline's as it counts: every mechanism that acts, and its form, has its price."""
     return weight * (pair.level - null.level - price(pair.fit)) - len(acting_in(pair.fit)) * MECHANISM_ACTS
@@ -366,8 +349,7 @@ def _estimated(pair: Pair, level: float, weight: float, scale: float) -> Hypothe
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
     values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]
-    following = {mechanism.name for mechanism in fit.mechanisms if follows_static_moment([mechanism])}
-    terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in following]
+    terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in fit.following]
     covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
     flights = [each.flight for each in fit.frame.reconstructions]
     for k, parameter in enumerate(fit.nonlinear, start=count):

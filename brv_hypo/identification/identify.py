@@ -173,7 +173,7 @@ def build_problem(
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
     span = (float(frame.coefficient_time.min()), float(frame.coefficient_time.max()))
-    structure = structure_of(columns, frame.mechanisms, *span, delays)
+    structure = structure_of(columns, frame.mechanisms, span, delays)
     model = VehicleModel(
         MomentColumns(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),

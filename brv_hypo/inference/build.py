@@ -19,8 +19,6 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import crossflow
-from brv_hypo.motion.reconstruction import Reconstruction
 
 FORCE_SPIKE = 7.2  # residuals of the normal force, in their median, from which a sample is a spike
 FORCE_SPIKE_ROUNDS = 2  # of the force's fit without spikes
@@ -134,21 +132,18 @@ def linearised_flights(
     for number, (record, known) in enumerate(zip(records, errors, strict=True)):
         own = [k for k, column in enumerate(columns) if column.acts_on(number)]
         about = with_vehicle(frame, tuple(columns[k] for k in own), values[own], vehicle, known)
-        found.append(linearised(record, frame.reconstructions[number], *about))
+        found.append(linearised(record, number, *about))
     return tuple(found)
 
 
 def linearised(
-    record: InertialRecord,
-    reconstruction: Reconstruction,
-    frame: RateFrame,
-    columns: tuple[Regressor, ...],
-    values: FloatArray,
+    record: InertialRecord, flight: int, frame: RateFrame, columns: tuple[Regressor, ...], values: FloatArray
 ) -> LinearisedFlight:
     """A flight with its moment model and the normal force that fits it, spikes left out."""
-    motion, slope = reconstruction.motion, reconstruction.normal_force_slope  # NaN where the method has none
-    force = ForceModel(np.where(np.isfinite(slope), slope, 1.0), reconstruction.normal_force_bend)
-    found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
+    known = frame.reconstructions[flight]
+    slope = known.normal_force_slope  # NaN where the method has none
+    force = ForceModel(np.where(np.isfinite(slope), slope, 1.0), known.normal_force_bend)
+    found = force.columns(record, known.crossflow)
     valid = record.measured
     for _ in range(FORCE_SPIKE_ROUNDS):
         parts = found[valid], record.transverse_force[valid]
@@ -156,7 +151,7 @@ def linearised(
         force_values = np.linalg.lstsq(columns_there, force_there, rcond=None)[0]
         size = np.abs(record.transverse_force - found @ force_values)
         valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
-    return LinearisedFlight(record, reconstruction, frame.mechanisms, columns, values, force, force_values, valid)
+    return LinearisedFlight(record, known, frame.mechanisms, columns, values, force, force_values, valid)
 
 
 def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:

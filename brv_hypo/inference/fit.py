@@ -117,6 +117,11 @@ class HypothesisFit:
         return tuple(tuple(filter(None, each)) for each in pairs)
 
     @property
+    def following(self) -> frozenset[str]:
+        """Mechanisms that may be made of C_mw: those with parameters of their own."""
+        return frozenset(mechanism.name for mechanism in self.mechanisms if mechanism.parameters())
+
+    @property
     def estimated(self) -> list[int]:
         """Places of the columns that are estimated by themselves: not where regions of a mechanism end."""
         begin = [pair[0] for region in self.regions for pair in region] if self.ends else range(len(self.selected))
@@ -225,16 +230,23 @@ def renewed(problem: Problem, fit: HypothesisFit, steps: Steps) -> HypothesisFit
     return refined_fit(problem, fit, (*problem.baseline, *ordered), fit.selected, steps)
 
 
+def all_renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits where the problem is linear, knots and delays there; those out of reach keep theirs."""
+    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
+    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
+    first = likeliest(there)
+    worst = first.information + SEARCH_OUT_OF_REACH
+    return [
+        renewed(problem, each, refinement.FINAL if each is first else ROUGH) if each.information <= worst else each
+        for each in there
+    ]
+
+
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
-    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
+    for _ in range(CONSISTENT_ROUNDS if fit.following else 1):
         fit = renewed(problem, fit, refinement.FINAL)
     return fit
-
-
-def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
-    """Whether a mechanism may be made of C_mw: those with parameters of their own."""
-    return any(mechanism.parameters() for mechanism in mechanisms)
 
 
 def refined_fit(
@@ -250,7 +262,7 @@ def refined_fit(
     over `parts` of their bounds. C_mw is brought up to date where it is used. `reduced`: of the fit's frame.
     """
     reduced = Reduced(problem, fit.frame) if reduced is None else reduced
-    if follows_static_moment(fit.mechanisms):
+    if fit.following:
         values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:

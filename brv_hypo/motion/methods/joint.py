@@ -115,6 +115,7 @@ class SmoothedMotion:
 class _Point:
     """Where a search is: a nominal motion, and what is off it."""
 
+    measurements: Measurements  # what is fitted
     nominal: NominalMotion
     walk: ComplexArray  # transverse velocity that noise makes, in wind axes (n,) m/s
     errors: FloatArray  # of the record beyond the known ones, in units of their sizes (e,)
@@ -166,9 +167,9 @@ class RandomWalkSmoother:
             walk = off * np.conj(nominal.turn) * self.speed
         point, damping, converged = self._point(measurements, nominal, walk, errors), 0.0, False
         for _ in range(MOTION_MOST_STEPS):
-            drift, prior = self._drift(point), self._prior(measurements, point)
-            equations, step = self._linear(measurements, point, drift), (prior[0] - self._globals(point), prior[1])
-            cost = self._cost(measurements, point, equations, *prior)
+            drift, prior = self._drift(point), self._prior(point)
+            equations, step = self._linear(point, drift), (prior[0] - self._globals(point), prior[1])
+            cost = self._cost(point, equations, *prior)
             solution = equations.solve(*step)
             if not np.isfinite(cost + solution.cost):
                 raise UnanswerableError(
@@ -182,8 +183,8 @@ class RandomWalkSmoother:
             while gained <= 0.0 and damping < MOTION_DAMPING_MOST:
                 damped = equations.solve(*step, damping) if damping > 0.0 else solution
                 with np.errstate(over="ignore", invalid="ignore"):
-                    moved = self._moved(measurements, point, damped)
-                    change = cost - self._cost(measurements, moved, equations, *prior)
+                    moved = self._moved(point, damped)
+                    change = cost - self._cost(moved, equations, *prior)
                 gained = np.nan_to_num(change / (cost - damped.cost), nan=-1.0)
                 if gained < MOTION_TRUSTED:
                     damping = max(damping * MOTION_DAMPED, MOTION_DAMPING)
@@ -234,7 +235,7 @@ class RandomWalkSmoother:
             each.observed - own @ values - each.kept.all_of(np.asarray(each.effects @ errors))
             for each, own, values in zip(measurements, columns, coefficients, strict=True)
         )
-        return _Point(nominal, walk, errors, coefficients, crossflow, scaled, columns, residuals)
+        return _Point(measurements, nominal, walk, errors, coefficients, crossflow, scaled, columns, residuals)
 
     def _drift_by(self, errors: FloatArray) -> FloatArray:
         return self.responses.rows.all_of(np.asarray(self.responses.drift @ errors))
@@ -242,13 +243,13 @@ class RandomWalkSmoother:
     def _crossflow(self, nominal: NominalMotion, walk: ComplexArray, drift: FloatArray) -> ComplexArray:
         return nominal.with_offset((walk + nominal.across(drift[:, :, np.newaxis])[:, 0]) / self.speed)
 
-    def _moved(self, measurements: Measurements, point: _Point, solution: WalkSolution) -> _Point:
+    def _moved(self, point: _Point, solution: WalkSolution) -> _Point:
         theta, ends = solution.theta, np.cumsum([values.size for values in point.coefficients])[:-1]
         steps = np.split(theta[self.shared :], ends)
         coefficients = tuple(old + new for old, new in zip(point.coefficients, steps, strict=True))
         start = point.nominal.start.moved(complex(*theta[:2]), theta[2:START_PARTS])
         errors = point.errors + theta[START_PARTS : self.shared]
-        return self._point(measurements, NominalMotion(self.record, start), solution.walk, errors, coefficients)
+        return self._point(point.measurements, NominalMotion(self.record, start), solution.walk, errors, coefficients)
 
     def _drift(self, point: _Point) -> Columns:
         """Transverse velocity (n, shared) m/s in wind axes by each global that is none of a measurement's."""
@@ -265,14 +266,7 @@ class RandomWalkSmoother:
         columns = rows_of(slice(0, self.speed.size))
         return lambda rows: np.asarray(columns[rows])
 
-    def _cost(
-        self,
-        measurements: Measurements,
-        point: _Point,
-        equations: WalkEquations,
-        mean: FloatArray,
-        information: FloatArray,
-    ) -> float:
+    def _cost(self, point: _Point, equations: WalkEquations, mean: FloatArray, information: FloatArray) -> float:
         """Minus twice the log of likelihood times prior, with these priors; infinite where no flow can be."""
         if not np.max(np.abs(point.crossflow)) < 1.0:
             return np.inf
@@ -280,12 +274,12 @@ class RandomWalkSmoother:
         cost = float(equations.step_information @ (steps * np.conj(steps)).real)
         off = self._globals(point) - mean
         cost += float(off @ information @ off)
-        for measurement, residual in zip(measurements, point.residuals, strict=True):
+        for measurement, residual in zip(point.measurements, point.residuals, strict=True):
             cost += float(np.sum(np.abs(residual / measurement.sigma) ** 2))
         return cost
 
-    def _linear(self, measurements: Measurements, point: _Point, drift: Columns) -> WalkEquations:
-        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
+    def _linear(self, point: _Point, drift: Columns) -> WalkEquations:
+        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in point.measurements)])
         xi, walk, found = point.crossflow, point.walk, list[LinearMeasurement]()
 
         def columns(first: int, own: ComplexArray, gain: ComplexArray, by_errors: Columns, rows: slice) -> ComplexArray:
@@ -296,7 +290,7 @@ class RandomWalkSmoother:
             out[:, first : first + own.shape[1]] = own[rows]
             return out
 
-        for k, measurement in enumerate(measurements):
+        for k, measurement in enumerate(point.measurements):
             gain = point.scaled[k].gain(xi, point.coefficients[k], point.nominal.turn) / self.speed[:, np.newaxis]
             by_errors = partial(measurement.by_errors, measurement.modelled(xi, point.coefficients[k]))
             of_globals = partial(columns, int(ends[k]), point.columns[k], gain, by_errors)
@@ -309,12 +303,12 @@ class RandomWalkSmoother:
         gravity, errors = point.nominal.start.gravity, self.known + point.errors
         return np.concatenate([np.zeros(2), gravity, errors, *point.coefficients])
 
-    def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
+    def _prior(self, point: _Point) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and information (k, k) of the globals, about a point."""
         mean, known = np.zeros((2, self._globals(point).size))
         known[START_PARTS : self.shared] = 1.0
         at = self.shared
-        for measurement, values in zip(measurements, point.coefficients, strict=True):
+        for measurement, values in zip(point.measurements, point.coefficients, strict=True):
             if measurement.bends:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
                 known[at + measurement.slope_basis.shape[1]] = (smoother.BENT**2 / slope) ** 2
