@@ -160,7 +160,7 @@ class Searched:
         others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
         null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
         for fit in (self_consistent(self.problem, each) for each in others):
-            point = point_of(self.problem, fit.frame, fit.columns, fit.mechanisms)
+            point = point_of(self.problem, fit)
             found = _beside_processes(self._linear(self.problem, fit, point), fit, [*null, fit])
             if found.leading.fit.selected:
                 tried.append((found.absolute, fit))
@@ -189,7 +189,7 @@ class Searched:
         about itself beside processes, step by step, while it becomes likelier: the method of Gauss and Newton.
         """
         few = [each for each in fits if not each.mechanisms or each.name == fit.name]
-        point = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        point = at or point_of(problem, fit)
         here = self._linear(problem, fit, point)
         known, elsewhere = _beside_processes(here, fit, few), None
         near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)

@@ -239,11 +239,10 @@ def save_flight(
     record = flight if isinstance(flight, Record) else unassemble(flight)
     header = {"format": format_1.FORMAT, "format_version": format_1.FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
-    grade = of_grade(record.instruments.grade)
-    stated = {key: value for key, value in record.instruments.values().items() if value != getattr(grade, key)}
+    stated = {key: getattr(record.instruments, key) for key in record.instruments.stated}
     groups = {
         "vehicle": Tree(datasets=_with_units(vars(record.vehicle), format_1.VEHICLE_DIMENSIONS)),
-        "instruments": Tree({"grade": grade.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
+        "instruments": Tree({"grade": record.instruments.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
     }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)

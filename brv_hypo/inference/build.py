@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.linearisation.channels import ForceModel, first_values, whole
@@ -86,12 +87,10 @@ def carrying(problem: Problem, mechanism: Mechanism) -> Problem:
     return replace(problem, frame=frame, rows=replace(problem.rows, nuisances=nuisances))
 
 
-def point_of(
-    problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...], mechanisms: tuple[Mechanism, ...] = ()
-) -> LinearisationPoint:
-    """The point at a model's fit and the errors that go with it."""
-    values, others = problem.solution(frame, columns)
-    return LinearisationPoint(mechanisms, columns, values, within_reach(problem, others))
+def point_of(problem: Problem, fit: HypothesisFit) -> LinearisationPoint:
+    """The point at a fit, and the errors that go with it."""
+    values, others = problem.solution(fit.frame, fit.columns)
+    return LinearisationPoint(fit.mechanisms, fit.columns, values, within_reach(problem, others))
 
 
 def within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
