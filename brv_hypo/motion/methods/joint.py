@@ -24,16 +24,7 @@ from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
 from brv_hypo.motion.reconstruction import WindHistory
-from brv_hypo.motion.responses import (
-    EffectFit,
-    EffectResponses,
-    Perturbation,
-    corrected,
-    effect_responses,
-    no_responses,
-    nonzero_responses,
-    projected_variance,
-)
+from brv_hypo.motion.responses import EffectFit, EffectResponses, Perturbation, effect_responses, projected_variance
 from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import Columns, LinearMeasurement, MeasurementModel, WalkEquations, WalkSolution
 from brv_hypo.thresholds import FORCE_UNEXPLAINED
@@ -135,7 +126,7 @@ class RandomWalkSmoother:
         self, record: InertialRecord, responses: EffectResponses | None = None, known: FloatArray | None = None
     ) -> None:
         self.record = record
-        self.responses = no_responses(record) if responses is None else responses
+        self.responses = EffectResponses.none(record) if responses is None else responses
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
         self.shared = START_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
@@ -390,14 +381,14 @@ def _linearised(
         left = _left(record, force)
         del fit  # large, like the responses: only the last are kept
     assert near is not None
-    responses = nonzero_responses(effect_responses(record, near[1], force, perturbations))
+    responses = effect_responses(record, near[1], force, perturbations).nonzero()
     known = np.zeros(len(responses.effects))
     for _ in range(MOTION_LINEARISATIONS):
         old, effects = near[1], responses.effects
         fit = _rough_fit(RandomWalkSmoother(record, responses, known), near, left)
         moved, near = rms(fit.crossflow - old) / rms(np.hypot(*fit.sigmas())), (*fit.near[:2], None)
         known = fit.effects.value
-        record = inertial.inertial_record(corrected(flight, fit.effects), config)
+        record = inertial.inertial_record(fit.effects.corrected(flight), config)
         force = fit.normal_force
         left, converged = _left(record, force), fit.converged
         del fit
