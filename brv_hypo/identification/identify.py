@@ -201,16 +201,7 @@ def build_problem(
         theta[name] = found - applied[name]
         priors[name] = (-applied[name], 1.0)
     return IdentificationProblem(
-        frame=frame,
-        inputs=inputs,
-        records=records,
-        model=model,
-        theta=theta,
-        priors=priors,
-        tolerated=tolerated,
-        applied=applied,
-        block=block,
-        max_iterations=max_iterations,
+        frame, inputs, records, model, theta, priors, tolerated, applied, block, max_iterations
     )
 
 

@@ -229,30 +229,14 @@ def node_records(
         block = flight.step * size
         for knot in knots_of(columns, own) if size > 1 else ():
             outputs[:, np.abs(nodes - knot) < block] = np.nan
+        known, meridian_rate = errors[part.flight], float(motion.windward_meridian_rate[samples][middle[0]])
         smoothed = (parameters.input_error(error, part.flight) for error in inputs[part.flight].errors)
-        histories = parameters.error_histories(errors[part.flight], part.flight, time, samples, turn, local)
-        record = NodeRecord(
-            context=Context(
-                flight=part.flight,
-                vehicle=flight.vehicle,
-                start=float(nodes[0]),
-                meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
-                block=block,
-                gravity=gravity[part.flight],
-                own=own,
-            ),
-            segment=Segment(
-                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *histories)
-            ),
-            time=time,
-            turn=turn,
-            measured=measured,
-            expected=expected,
-            middle=np.clip(np.searchsorted(time, nodes), 0, time.size - 1),
-            samples=samples,
-            tolerated=tuple(errors[part.flight]),
-        )
-        found.append(record)
+        histories = (*smoothed, *parameters.error_histories(known, part.flight, time, samples, turn, local))
+        start, vehicle = float(nodes[0]), flight.vehicle
+        context = Context(part.flight, vehicle, start, meridian_rate, block, gravity[part.flight], own)
+        segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=histories)
+        next_sample = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
+        found.append(NodeRecord(context, segment, time, turn, measured, expected, next_sample, samples, tuple(known)))
     return tuple(found)
 
 
