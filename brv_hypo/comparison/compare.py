@@ -140,12 +140,9 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
     pairs = {pair.fit.name: pair for pair in beside.pairs}
     wider = diagnostics.with_errors_of_processes
     likelihoods = {name: own and wider(own, *pairs[name]) for name, own in alone.items()}
-    finished = clock.perf_counter()
+    ended = clock.perf_counter()
     seconds = Seconds(
-        reconstruct=reconstructed - begun,
-        select=selected - reconstructed,
-        ml=finished - selected,
-        total=finished - begun,
+        reconstruct=reconstructed - begun, select=selected - reconstructed, ml=ended - selected, total=ended - begun
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
     motions, moved = diagnostics.motions_beside(problem.frame.reconstructions, reconstructions)

@@ -10,20 +10,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.comparison import result
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged, processes, share_of
 from brv_hypo.comparison.limits import fitted_size
 from brv_hypo.comparison.preparation import APART_SIGMAS
-from brv_hypo.comparison.result import (
-    Comparison,
-    Knot,
-    ProcessEstimate,
-    RecordError,
-    Series,
-    SizedModel,
-    TermEstimate,
-    far_beyond,
-)
+from brv_hypo.comparison.result import Comparison, Knot, ProcessEstimate, RecordError, Series, SizedModel, TermEstimate
 from brv_hypo.comparison.summary import estimates, motion_histories
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Estimate, Identification
@@ -203,7 +195,7 @@ def far_beside_small(judged: Judged, processes: Sequence[ProcessEstimate]) -> st
     """
     own = judged.leading.evidence
     large = [each.name for each in processes if each.is_of_moment and each.size > each.tolerance]
-    far = far_beyond(record_errors(own.beside_small, judged.weight)) if large else ""
+    far = result.far_beyond(record_errors(own.beside_small, judged.weight)) if large else ""
     return f"With {', '.join(large)} of no more than ordinary size, {far}: check which it is." if far else ""
 
 

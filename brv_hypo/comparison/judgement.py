@@ -15,43 +15,20 @@ from operator import attrgetter
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.comparison import with_processes
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import channel_of, within_bounds
 from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Reading, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
-from brv_hypo.comparison.with_processes import (
-    OUT_OF_REACH,
-    WIDENED,
-    Pair,
-    acting,
-    beyond_linear,
-    in_one_region,
-    likelier,
-    moved,
-    plainest,
-    price,
-    scanned,
-    squares_of_regions,
-    together,
-    widened,
-    with_its_evidence,
-)
+from brv_hypo.comparison.with_processes import Pair, acting, likelier, moved, price, squares_of_regions
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
 from brv_hypo.inference.derivatives import as_planted, beside_its_processes, moment_of_process, scale_variance
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
-from brv_hypo.inference.fit import (
-    SEARCH_OUT_OF_REACH,
-    HypothesisFit,
-    fit_hypothesis,
-    follows_static_moment,
-    likeliest,
-    renewed,
-    self_consistent,
-)
+from brv_hypo.inference.fit import HypothesisFit, all_renewed, fit_hypothesis, likeliest, self_consistent
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.refinement import FINAL, ROUGH, Steps, shift_sigma
+from brv_hypo.inference.refinement import shift_sigma
 from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
@@ -183,7 +160,7 @@ class Searched:
         others = (e for e in self.fits if len(e.mechanisms) == 1 and e.selected and e.name not in tried_already)
         null, tried = [fit for fit in self.fits if not fit.mechanisms], list[tuple[float, HypothesisFit]]()
         for fit in (self_consistent(self.problem, each) for each in others):
-            point = point_of(self.problem, fit.frame, fit.columns, fit.mechanisms)
+            point = point_of(self.problem, fit)
             found = _beside_processes(self._linear(self.problem, fit, point), fit, [*null, fit])
             if found.leading.fit.selected:
                 tried.append((found.absolute, fit))
@@ -212,7 +189,7 @@ class Searched:
         about itself beside processes, step by step, while it becomes likelier: the method of Gauss and Newton.
         """
         few = [each for each in fits if not each.mechanisms or each.name == fit.name]
-        point = at or point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        point = at or point_of(problem, fit)
         here = self._linear(problem, fit, point)
         known, elsewhere = _beside_processes(here, fit, few), None
         near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)
@@ -286,7 +263,7 @@ def _beside_processes(
     Those `known` there are not tried again.
     """
     (whole, problem), done = linear, {} if known is None else {pair.fit.name: pair for pair in known.pairs}
-    rest = {each.name: each for each in _renewed(problem, [fit for fit in fits if fit.name not in done])}
+    rest = {each.name: each for each in all_renewed(problem, [fit for fit in fits if fit.name not in done])}
     if known is None:
         rows, start = rows_under_own_noise(whole, rest[about.name])
         null = maximised(rows, rows.terms(None), start)
@@ -296,14 +273,14 @@ def _beside_processes(
     for name, fit in rest.items():
         first[name] = Pair(fit, null)
         if fit.selected:
-            first[name] = with_its_evidence(rows, fit, start, null.at, rounds=1)
+            first[name] = with_processes.with_its_evidence(rows, fit, start, null.at, rounds=1)
     pairs = _likeliest_forms(problem, [first[fit.name] for fit in fits], null, rows.frame_of(about), done)
     prices = [len(acting_in(fit)) * MECHANISM_ACTS for fit, _ in pairs]
     # What explains little beside processes leads only where its gain, as that counts, is worth its price.
     worth = [k for k, pair in enumerate(pairs) if weighed(pair, null, share_of(pair)) >= 0.0]
     place = max(worth, key=lambda k: pairs[k].possible_level - prices[k])
     if pairs[place].fit.name not in done:
-        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+        pairs[place] = with_processes.scanned(problem, moved(problem, pairs[place], closely=True))
     for k, (fit, _) in enumerate(pairs):  # one of which a part does not act has the fit of the one without that part
         same = [pair for pair in pairs if acting_in(pair.fit) == acting_in(fit)]
         like, own = min(same, key=lambda pair: len(pair.fit.mechanisms))
@@ -316,7 +293,7 @@ def _beside_processes(
         _estimated(pair, weighed(pair, null, each), independent * share, scale)
         for pair, share, each in zip(pairs, shares, weights, strict=True)
     ]
-    if np.any(more := beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
+    if np.any(more := with_processes.beyond_linear(problem, pairs[place], weight)):  # of coefficients, knots and delays
         covariance = stated[place].joint_covariance + more
         stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
     return Judged(problem, rows, tuple(stated), tuple(own for _, own in pairs), weight)
@@ -331,36 +308,27 @@ def _likeliest_forms(
     offered, best = [[each] for each in pairs], max(each.level for each in pairs)
     for place in sorted(range(len(pairs)), key=lambda k: -pairs[k].level):
         if pairs[place].fit.selected and pairs[place].fit.name not in done:
-            offered[place] = in_one_region(problem, pairs[place], null, frame, best)
+            offered[place] = with_processes.in_one_region(problem, pairs[place], null, frame, best)
             best = max(best, *(each.level for each in offered[place]))
     found, alone = [likelier(some) for some in offered], dict[str, Pair]()
     leading = max(found, key=attrgetter("level"))
-    least = leading.level - min(OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
+    least = leading.level - min(with_processes.OUT_OF_REACH, NOT_WORKED_ON / share_of(leading))
     for place in sorted(range(len(pairs)), key=lambda k: len(pairs[k].fit.mechanisms)):
         some, best_of = offered[place], found[place]
         if len(pairs[place].fit.mechanisms) > 1:
-            some = together(problem, pairs[place], alone)
+            some = with_processes.together(problem, pairs[place], alone)
             found[place] = best_of = likelier(some)
         elif best_of.fit.selected:
             alone[best_of.fit.name] = best_of
         if best_of.fit.selected and best_of.level > least and best_of.fit.name not in done:
-            found[place] = plainest(problem, some, null)
-    high = max(each.level for each in found) - WIDENED
-    return [widened(problem, e) if e.level > high and e.fit.name not in done else e for e in found]
+            found[place] = with_processes.plainest(problem, some, null)
+    high = max(each.level for each in found) - with_processes.WIDENED
+    return [with_processes.widened(problem, e) if e.level > high and e.fit.name not in done else e for e in found]
 
 
 def share_of(pair: Pair) -> float:
     """Of the squares that a hypothesis's terms and processes make, those of its terms: what a nat counts by that."""
     return max(pair.evidence.share_of_terms, _LEAST_SHARE) if pair.fit.selected else 1.0
-
-
-def _renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
-    """The fits linearised about the leader, knots and delays there; those out of reach keep theirs."""
-    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
-    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
-    first = likeliest(there)
-    worst = first.information + SEARCH_OUT_OF_REACH
-    return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
 
 
 def weighed(pair: Pair, null: Evidence, weight: float) -> float:
@@ -381,8 +349,7 @@ def _estimated(pair: Pair, level: float, weight: float, scale: float) -> Hypothe
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
     values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]
-    following = {mechanism.name for mechanism in fit.mechanisms if follows_static_moment([mechanism])}
-    terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in following]
+    terms = [k for k in range(fit.baseline_size, count) if fit.columns[k].mechanism not in fit.following]
     covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
     flights = [each.flight for each in fit.frame.reconstructions]
     for k, parameter in enumerate(fit.nonlinear, start=count):

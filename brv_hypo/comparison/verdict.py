@@ -11,16 +11,8 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import (
-    OTHER,
-    Adequacy,
-    Explained,
-    Outcome,
-    ProcessEstimate,
-    RecordError,
-    Verdict,
-    far_beyond,
-)
+from brv_hypo.comparison import result
+from brv_hypo.comparison.result import OTHER, Adequacy, Explained, Outcome, ProcessEstimate, RecordError, Verdict
 from brv_hypo.io.text import error_share, hypothesis, percent
 from brv_hypo.thresholds import CREDIBLE_PROBABILITY, MOST_REGIONS, NOISE_LEVEL, OTHER_PRIOR, WINNING_PROBABILITY
 
@@ -260,7 +252,7 @@ def _described(verdict: Verdict, described: str | None, reason: str) -> Verdict:
 def with_far_error(verdict: Verdict, errors: Sequence[RecordError]) -> Verdict:
     """The verdict without the name of a mechanism beside which the first error is far beyond its tolerance."""
     best = verdict.winner or verdict.described
-    if best in (None, NONE) or not (far := far_beyond(errors)):
+    if best in (None, NONE) or not (far := result.far_beyond(errors)):
         return verdict
     return _described(verdict, best, _describes(verdict, f"beside it, {far}: check that first"))
 

@@ -17,26 +17,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.flight import record as format_1
 from brv_hypo.flight import tolerances
 from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
-from brv_hypo.flight.record import (
-    CHANNEL_DIMENSIONS,
-    CHANNELS,
-    FORMAT,
-    FORMAT_VERSION,
-    INERTIAL_CHANNELS,
-    VEHICLE_DIMENSIONS,
-    Channels,
-    Flight,
-    Record,
-    RecordFault,
-    check_present,
-    checked_vehicle,
-    validated,
-    write_with,
-)
+from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, Channels, Flight, Record, RecordFault, validated
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, INSTRUMENT_DIMENSIONS, Instruments, instruments_from, of_grade
 from brv_hypo.flight.units import SI, Dimension, to_si
 from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
@@ -109,7 +95,7 @@ def unassemble(flight: Flight) -> Record:
         {
             "time": time,
             "channels": channels,
-            "vehicle": checked_vehicle(vars(flight.vehicle)),
+            "vehicle": format_1.checked_vehicle(vars(flight.vehicle)),
             **{name: getattr(flight, name) for name in _ABOUT},
             "notes": flight.notes,
         },
@@ -125,7 +111,7 @@ def _bridged(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Chan
     for name, values in channels.items():
         if not np.any(np.isfinite(values)):
             continue
-        longest = fast if name in INERTIAL_CHANNELS else slow
+        longest = fast if name in format_1.INERTIAL_CHANNELS else slow
         filled[name] = bridge(time, values, longest)
         count = int(np.count_nonzero(np.isnan(values) & np.isfinite(filled[name])))
         if count:
@@ -169,7 +155,7 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
         inside = sum(int(np.count_nonzero(np.isnan(values[start:stop]))) for start, stop in segments)
         if inside:
             notes.append(f"{name}: {inside} samples in long gaps are interpolated")
-        whole[name] = crossed(values, longest) if name in INERTIAL_CHANNELS else joined(values)
+        whole[name] = crossed(values, longest) if name in format_1.INERTIAL_CHANNELS else joined(values)
     return whole, notes
 
 
@@ -179,7 +165,7 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
 # All that is read of a record; the rest of the file is never opened.
 READ = {
     "": tuple(CHANNEL_DIMENSIONS),
-    "vehicle": tuple(VEHICLE_DIMENSIONS),
+    "vehicle": tuple(format_1.VEHICLE_DIMENSIONS),
     "instruments": tuple(INSTRUMENT_DIMENSIONS),
 }
 NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
@@ -251,13 +237,12 @@ def save_flight(
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
     record = flight if isinstance(flight, Record) else unassemble(flight)
-    header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
+    header = {"format": format_1.FORMAT, "format_version": format_1.FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
-    grade = of_grade(record.instruments.grade)
-    stated = {key: value for key, value in record.instruments.values().items() if value != getattr(grade, key)}
+    stated = {key: getattr(record.instruments, key) for key in record.instruments.stated}
     groups = {
-        "vehicle": Tree(datasets=_with_units(vars(record.vehicle), VEHICLE_DIMENSIONS)),
-        "instruments": Tree({"grade": grade.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
+        "vehicle": Tree(datasets=_with_units(vars(record.vehicle), format_1.VEHICLE_DIMENSIONS)),
+        "instruments": Tree({"grade": record.instruments.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
     }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)
@@ -269,35 +254,35 @@ def save_flight(
     write_tree(path, tree, overwrite=overwrite)
 
 
-write_with.append(save_flight)
+format_1.write_with.append(save_flight)
 
 
 def read_record(path: str | Path) -> Record:
     """The flight as the file holds it, in SI, before any repair; FlightRecordError where it is invalid."""
     tree = read_tree(path, only=READ)
     with naming(path):
-        for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
+        for name, value in (("format", format_1.FORMAT), ("format_version", format_1.FORMAT_VERSION)):
             if tree.attributes.get(name) != value:
                 found, expected = repr(tree.attributes.get(name, "nothing")), repr(value)
                 cause = "another kind of HDF5 file, or a record of a newer program"
                 remedy = "bring it in with `brv-hypo import`, which maps names and units, or update the program"
                 raise refusal(f"/ (root attribute '{name}')", found, expected, cause, remedy)
         unread = [name for name in tree.unread if name not in NOT_READ]
-        check_present((*tree.datasets, *unread))
+        format_1.check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
         vehicle = tree.groups.get("vehicle")
         if vehicle is None:
-            found, expected = "no such group", f"a group with {', '.join(VEHICLE_DIMENSIONS)}"
+            found, expected = "no such group", f"a group with {', '.join(format_1.VEHICLE_DIMENSIONS)}"
             cause, remedy = "mass properties kept in another file", "add them, each a scalar dataset with 'units'"
             raise refusal("vehicle", found, expected, cause, remedy)
-        properties = _in_si(vehicle.datasets, VEHICLE_DIMENSIONS, "vehicle/")
+        properties = _in_si(vehicle.datasets, format_1.VEHICLE_DIMENSIONS, "vehicle/")
         scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in properties.items()}
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
         content = {
             "time": arrays.pop("time"),
             "channels": arrays,
-            "vehicle": checked_vehicle(scalars),
+            "vehicle": format_1.checked_vehicle(scalars),
             "instruments": _instruments(tree.groups.get("instruments")),
             **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),

@@ -173,7 +173,7 @@ def build_problem(
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
     span = (float(frame.coefficient_time.min()), float(frame.coefficient_time.max()))
-    structure = structure_of(columns, frame.mechanisms, *span, delays)
+    structure = structure_of(columns, frame.mechanisms, span, delays)
     model = VehicleModel(
         MomentColumns(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
@@ -201,16 +201,7 @@ def build_problem(
         theta[name] = found - applied[name]
         priors[name] = (-applied[name], 1.0)
     return IdentificationProblem(
-        frame=frame,
-        inputs=inputs,
-        records=records,
-        model=model,
-        theta=theta,
-        priors=priors,
-        tolerated=tolerated,
-        applied=applied,
-        block=block,
-        max_iterations=max_iterations,
+        frame, inputs, records, model, theta, priors, tolerated, applied, block, max_iterations
     )
 
 

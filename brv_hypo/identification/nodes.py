@@ -19,13 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.parameters import (
-    Tolerated,
-    error_histories,
-    input_error,
-    noise_free_flights,
-    record_errors,
-)
+from brv_hypo.identification import parameters
 from brv_hypo.likelihood import Segment
 from brv_hypo.linearisation.frame import RateFrame, WeakSegment
 from brv_hypo.linearisation.moment_model import delays_requested
@@ -167,7 +161,7 @@ class NodeRecord:
     expected: ComplexArray  # the same as the regression has them
     middle: IntArray  # the samples at the nodes (nodes,), for nodes that measure nothing the next ones
     samples: slice  # those of the flight
-    tolerated: tuple[Tolerated, ...]  # the flight's values whose parameters count sigmas
+    tolerated: tuple[parameters.Tolerated, ...]  # the flight's values whose parameters count sigmas
 
     def predicted(self, outputs: FloatArray) -> ComplexArray:
         """Rate and force, de-rolled, at all samples (2, samples): the regression's, corrected at outputs (4, nodes)."""
@@ -203,9 +197,9 @@ def node_records(
     """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed. `rates`
     (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts in an earlier fit's readings.
     """
-    noise_free = noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
+    noise_free = parameters.noise_free_flights(frame, rates, frame.moments(columns) @ values, inputs)
     quiet = [fitted(number, flight) for number, flight in enumerate(noise_free)]
-    errors = record_errors(frame, quiet, inputs, frozenset(column.mechanism for column in columns))
+    errors = parameters.record_errors(frame, quiet, inputs, frozenset(column.mechanism for column in columns))
     nominal = (NominalMotion(inertial_record(r.flight, ReconstructionConfig()), r.start) for r in frame.reconstructions)
     gravity, constant = [gravity_axes(each) for each in nominal], TimeBasis("constant")
     shapes = frame.moments([replace(column, time_basis=constant) for column in columns if has_knot(column)])
@@ -235,30 +229,14 @@ def node_records(
         block = flight.step * size
         for knot in knots_of(columns, own) if size > 1 else ():
             outputs[:, np.abs(nodes - knot) < block] = np.nan
-        smoothed = (input_error(error, part.flight) for error in inputs[part.flight].errors)
-        histories = error_histories(errors[part.flight], part.flight, time, samples, turn, local)
-        record = NodeRecord(
-            context=Context(
-                flight=part.flight,
-                vehicle=flight.vehicle,
-                start=float(nodes[0]),
-                meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
-                block=block,
-                gravity=gravity[part.flight],
-                own=own,
-            ),
-            segment=Segment(
-                nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=(*smoothed, *histories)
-            ),
-            time=time,
-            turn=turn,
-            measured=measured,
-            expected=expected,
-            middle=np.clip(np.searchsorted(time, nodes), 0, time.size - 1),
-            samples=samples,
-            tolerated=tuple(errors[part.flight]),
-        )
-        found.append(record)
+        known, meridian_rate = errors[part.flight], float(motion.windward_meridian_rate[samples][middle[0]])
+        smoothed = (parameters.input_error(error, part.flight) for error in inputs[part.flight].errors)
+        histories = (*smoothed, *parameters.error_histories(known, part.flight, time, samples, turn, local))
+        start, vehicle = float(nodes[0]), flight.vehicle
+        context = Context(part.flight, vehicle, start, meridian_rate, block, gravity[part.flight], own)
+        segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=histories)
+        next_sample = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
+        found.append(NodeRecord(context, segment, time, turn, measured, expected, next_sample, samples, tuple(known)))
     return tuple(found)
 
 

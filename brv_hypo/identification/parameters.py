@@ -111,14 +111,13 @@ class Structure:
 def structure_of(
     columns: Sequence[Regressor],
     mechanisms: Mapping[str, Mechanism],
-    start: float,
-    stop: float,
+    span: tuple[float, float],
     delays: Sequence[float],
 ) -> Structure:
-    """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside. Columns that share a
+    """Name the parameters; knots are free between the ends of `span` (s), where they lie inside. Columns that share a
     theta or a knot of one mechanism move together. `delays`: all those of mechanisms, s.
     """
-    names, nonlinear = unique([*map(_name, columns)]), _nonlinear_parameters(columns, mechanisms, start, stop)
+    names, nonlinear = unique([*map(_name, columns)]), _nonlinear_parameters(columns, mechanisms, *span)
     free = [parameter.value for parameter in nonlinear if parameter.is_delay]
     fixed = {f"delay {delay:.6g} s": delay for delay in delays if not np.any(np.isclose(delay, free, rtol=1e-9))}
     return Structure(tuple(columns), names, nonlinear, fixed)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.linearisation.channels import ForceModel, first_values, whole
@@ -19,8 +20,6 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import crossflow
-from brv_hypo.motion.reconstruction import Reconstruction
 
 FORCE_SPIKE = 7.2  # residuals of the normal force, in their median, from which a sample is a spike
 FORCE_SPIKE_ROUNDS = 2  # of the force's fit without spikes
@@ -88,12 +87,10 @@ def carrying(problem: Problem, mechanism: Mechanism) -> Problem:
     return replace(problem, frame=frame, rows=replace(problem.rows, nuisances=nuisances))
 
 
-def point_of(
-    problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...], mechanisms: tuple[Mechanism, ...] = ()
-) -> LinearisationPoint:
-    """The point at a model's fit and the errors that go with it."""
-    values, others = problem.solution(frame, columns)
-    return LinearisationPoint(mechanisms, columns, values, within_reach(problem, others))
+def point_of(problem: Problem, fit: HypothesisFit) -> LinearisationPoint:
+    """The point at a fit, and the errors that go with it."""
+    values, others = problem.solution(fit.frame, fit.columns)
+    return LinearisationPoint(fit.mechanisms, fit.columns, values, within_reach(problem, others))
 
 
 def within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
@@ -134,21 +131,18 @@ def linearised_flights(
     for number, (record, known) in enumerate(zip(records, errors, strict=True)):
         own = [k for k, column in enumerate(columns) if column.acts_on(number)]
         about = with_vehicle(frame, tuple(columns[k] for k in own), values[own], vehicle, known)
-        found.append(linearised(record, frame.reconstructions[number], *about))
+        found.append(linearised(record, number, *about))
     return tuple(found)
 
 
 def linearised(
-    record: InertialRecord,
-    reconstruction: Reconstruction,
-    frame: RateFrame,
-    columns: tuple[Regressor, ...],
-    values: FloatArray,
+    record: InertialRecord, flight: int, frame: RateFrame, columns: tuple[Regressor, ...], values: FloatArray
 ) -> LinearisedFlight:
     """A flight with its moment model and the normal force that fits it, spikes left out."""
-    motion, slope = reconstruction.motion, reconstruction.normal_force_slope  # NaN where the method has none
-    force = ForceModel(np.where(np.isfinite(slope), slope, 1.0), reconstruction.normal_force_bend)
-    found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
+    known = frame.reconstructions[flight]
+    slope = known.normal_force_slope  # NaN where the method has none
+    force = ForceModel(np.where(np.isfinite(slope), slope, 1.0), known.normal_force_bend)
+    found = force.columns(record, known.crossflow)
     valid = record.measured
     for _ in range(FORCE_SPIKE_ROUNDS):
         parts = found[valid], record.transverse_force[valid]
@@ -156,7 +150,7 @@ def linearised(
         force_values = np.linalg.lstsq(columns_there, force_there, rcond=None)[0]
         size = np.abs(record.transverse_force - found @ force_values)
         valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
-    return LinearisedFlight(record, reconstruction, frame.mechanisms, columns, values, force, force_values, valid)
+    return LinearisedFlight(record, known, frame.mechanisms, columns, values, force, force_values, valid)
 
 
 def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:

@@ -106,6 +106,9 @@ class Change(NamedTuple):
     at_rest: bool
 
 
+Request = Callable[[Motion, FloatArray], Change]  # a change about angles of attack (samples,) rad
+
+
 def value(motion: Motion, alpha: FloatArray) -> Change:
     """The moment at rest about angles of attack (samples,) rad."""
     still = np.zeros_like(alpha)
@@ -127,11 +130,7 @@ def damping(motion: Motion, alpha: FloatArray) -> Change:
 
 
 def along_flights(
-    own: Evidence,
-    columns: Sequence[Regressor],
-    frame: RateFrame,
-    by: Callable[[Motion, FloatArray], Change],
-    weight: float = 1.0,
+    own: Evidence, columns: Sequence[Regressor], frame: RateFrame, by: Request, weight: float = 1.0
 ) -> tuple[Derivative, ...]:
     """What `by` requests on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
@@ -162,12 +161,7 @@ def scale_variance(problem: Problem) -> float:
 
 
 def per_coefficient(
-    frame: RateFrame,
-    columns: Sequence[Regressor],
-    flight: int,
-    motion: Motion,
-    alpha: FloatArray,
-    by: Callable[[Motion, FloatArray], Change],
+    frame: RateFrame, columns: Sequence[Regressor], flight: int, motion: Motion, alpha: FloatArray, by: Request
 ) -> FloatArray:
     """What `by` requests per unit of each coefficient about angles of attack (samples,) rad (samples, columns). Nothing
     of terms with a delay and, at rest, of those that are not in the plane of alpha alone.
@@ -194,7 +188,7 @@ def _along(
     frame: RateFrame,
     flight: int,
     motion: Motion,
-    by: Callable[[Motion, FloatArray], Change],
+    by: Request,
     errs: tuple[float, float],
     alpha: FloatArray,
     places: IntArray,

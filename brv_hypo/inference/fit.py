@@ -10,19 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.inference import refinement
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import (
-    CLOSELY,
-    FINAL,
-    ROUGH,
-    Nonlinear,
-    Refined,
-    Steps,
-    nonlinear_parameters,
-    prediction_slopes,
-    refine,
-)
+from brv_hypo.inference.refinement import ROUGH, Refined, Steps
 from brv_hypo.inference.search import choices, extended, on_grid
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.linear import covariance_of
@@ -78,7 +69,7 @@ class HypothesisFit:
     samples: int
     efficiency: float
     searched: int
-    nonlinear: tuple[Nonlinear, ...] = ()
+    nonlinear: tuple[refinement.Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     bound_cost: float = 0.0
     left_out: LeftOut | None = None
@@ -124,6 +115,11 @@ class HypothesisFit:
         count = max(((len(places) + 1) // 2 for places in changes.values()), default=0)
         pairs = ((tuple(places[2 * k : 2 * k + 2]) for places in changes.values()) for k in range(count))
         return tuple(tuple(filter(None, each)) for each in pairs)
+
+    @property
+    def following(self) -> frozenset[str]:
+        """Mechanisms that may be made of C_mw: those with parameters of their own."""
+        return frozenset(mechanism.name for mechanism in self.mechanisms if mechanism.parameters())
 
     @property
     def estimated(self) -> list[int]:
@@ -204,7 +200,7 @@ def fit_hypothesis(
         fewer = joined(present.selected, present.values[present.baseline_size :], problem.knots)
         best = likeliest([present, *(settle(columns, present.selected) for columns in fewer)])
         if not best.information < present.information - SEARCH_GAIN:
-            return likeliest([present, settle(present.selected, parts=CLOSELY)])
+            return likeliest([present, settle(present.selected, parts=refinement.CLOSELY)])
     return empty
 
 
@@ -234,16 +230,23 @@ def renewed(problem: Problem, fit: HypothesisFit, steps: Steps) -> HypothesisFit
     return refined_fit(problem, fit, (*problem.baseline, *ordered), fit.selected, steps)
 
 
+def all_renewed(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits where the problem is linear, knots and delays there; those out of reach keep theirs."""
+    here = (replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits)
+    there = [renewed(problem, fit, Steps(0, 0.0)) for fit in here]
+    first = likeliest(there)
+    worst = first.information + SEARCH_OUT_OF_REACH
+    return [
+        renewed(problem, each, refinement.FINAL if each is first else ROUGH) if each.information <= worst else each
+        for each in there
+    ]
+
+
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
-    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
-        fit = renewed(problem, fit, FINAL)
+    for _ in range(CONSISTENT_ROUNDS if fit.following else 1):
+        fit = renewed(problem, fit, refinement.FINAL)
     return fit
-
-
-def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
-    """Whether a mechanism may be made of C_mw: those with parameters of their own."""
-    return any(mechanism.parameters() for mechanism in mechanisms)
 
 
 def refined_fit(
@@ -259,15 +262,15 @@ def refined_fit(
     over `parts` of their bounds. C_mw is brought up to date where it is used. `reduced`: of the fit's frame.
     """
     reduced = Reduced(problem, fit.frame) if reduced is None else reduced
-    if follows_static_moment(fit.mechanisms):
+    if fit.following:
         values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
         return solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
     selected = columns[len(problem.baseline) :]
-    parameters = nonlinear_parameters(selected, reduced.frame, problem.knots)
+    parameters = refinement.nonlinear_parameters(selected, reduced.frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(selected) if column not in known)
-    refined = refine(selected, parameters, fresh, reduced, steps, parts)
+    refined = refinement.refine(selected, parameters, fresh, reduced, steps, parts)
     return _hypothesis(reduced, fit.name, fit.mechanisms, refined, fit.searched)
 
 
@@ -315,7 +318,7 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with the uncertainty of coefficients, delays and knots at the problem's effective sample size."""
     design = problem.design(fit.frame, fit.columns)
     if fit.nonlinear:
-        slopes = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
+        slopes = refinement.prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)

@@ -150,17 +150,6 @@ class WhitenedRows:
                 out[rows] = part
         return out
 
-    def of_observed(self, rates: ComplexArray, force: ComplexArray) -> FloatArray:
-        """What was observed (frame rows,) as rows, with the present values of what has a prior."""
-        histories = self.white_histories(Channels(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
-        present = np.array([item.present for item in self.nuisances.items])
-        for own, walks in zip(self.of_flights, self.nuisances.flights, strict=True):
-            if own.own_noise.size:
-                shown = own.decorrelated(own.own_noise @ present[walks.walks][:, np.newaxis])[:, 0]
-                for rows, part in zip(own.channels[:2], np.split(shown, 2), strict=True):
-                    histories[rows] -= part
-        return np.append(histories, self.nuisances.present)
-
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
         out = np.zeros((self.size, rates.shape[1]))
@@ -297,7 +286,15 @@ class Problem:
     @cached_property
     def raw_response(self) -> FloatArray:
         """Rates, force and present values of what has a prior, whitened (rows,)."""
-        return self.rows.of_observed(self.frame.observed, self.force)
+        observed = Channels(self.frame.observed[:, np.newaxis], self.force[:, np.newaxis])
+        histories, nuisances = self.rows.white_histories(observed)[:, 0], self.rows.nuisances
+        present = np.array([item.present for item in nuisances.items])
+        for own, walks in zip(self.rows.of_flights, nuisances.flights, strict=True):
+            if own.own_noise.size:
+                shown = own.decorrelated(own.own_noise @ present[walks.walks][:, np.newaxis])[:, 0]
+                for rows, part in zip(own.channels[:2], np.split(shown, 2), strict=True):
+                    histories[rows] -= part
+        return np.append(histories, nuisances.present)
 
     @cached_property
     def samples(self) -> int:

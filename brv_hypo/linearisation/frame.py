@@ -418,13 +418,8 @@ def build_frame(
         for number, rec in enumerate(reconstructions)
         for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time, nodes=rec.nodes)
     ]
-    return RateFrame(
-        tuple(reconstructions),
-        tuple(rec.motion_at_nodes for rec in reconstructions),
-        tuple(segments),
-        {mechanism.name: mechanism for mechanism in mechanisms},
-        common,
-    )
+    finer, known = (rec.motion_at_nodes for rec in reconstructions), {each.name: each for each in mechanisms}
+    return RateFrame(tuple(reconstructions), tuple(finer), tuple(segments), known, common)
 
 
 # ---- Residual rates as moment coefficients: the residual of a model, in the terms that it is reported in ----

@@ -11,18 +11,11 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.motion import signals
 from brv_hypo.motion.inertial import arm_acceleration, derolled_attitude, sensed_force
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.signals import (
-    InputError,
-    Smooth,
-    smooth_channel,
-    smoothed,
-    unsmoothed,
-    white_noise_level,
-    with_smooth_air,
-)
+from brv_hypo.motion.signals import InputError, Smooth, smoothed, unsmoothed
 
 DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as recorded
 DENSITY_LEAST = 1e-3  # of the largest: where the pressure is lost in its noise its logarithm means nothing
@@ -61,8 +54,8 @@ def smoothed_inputs(reconstruction: Reconstruction, flight: Flight) -> tuple[Fli
     motion = reconstruction.motion
     roll_rate = smoothed(flight.p)
     if not follows(flight.p, roll_rate.values, flight):  # the local filter leaves slow noise as it is
-        noise = white_noise_level(flight.p, flight.segments)
-        roll_rate = Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
+        noise = signals.white_noise_level(flight.p, flight.segments)
+        roll_rate = Smooth(signals.smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
     # About an arm the sensed force turns with the body, as large as the drag where that spins.
     arm, force = flight.vehicle.accelerometer_position, sensed_force(flight)
     if any(arm):
@@ -74,8 +67,8 @@ def smoothed_inputs(reconstruction: Reconstruction, flight: Flight) -> tuple[Fli
     density = log_density(flight, speed, _scale_heights_risen(flight, force, reconstruction.gravity_body, *axes))
     pressure = replace(density, values=np.exp(density.values) * speed**2)
     if not follows(flight.velocity, speed, flight) or not follows(flight.dynamic_pressure, pressure.values, flight):
-        filtered = with_smooth_air(flight)
-        noise = white_noise_level(flight.dynamic_pressure / filtered.dynamic_pressure, flight.segments)
+        filtered = signals.with_smooth_air(flight)
+        noise = signals.white_noise_level(flight.dynamic_pressure / filtered.dynamic_pressure, flight.segments)
         speed, pressure = filtered.velocity, Smooth(filtered.dynamic_pressure, unsmoothed(flight.samples, noise))
     # An error of the roll rate turns the body's axes by its integral, one of the pressure changes moments at once.
     span = (float(flight.time[0]), float(flight.time[-1]))

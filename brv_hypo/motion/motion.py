@@ -260,17 +260,9 @@ def _earlier(motion: Motion) -> Callable[[float], Motion]:
         turns = np.zeros(meridian.size)  # that unwrap it, and bring its end next to the motion's
         np.cumsum(np.round(np.diff(meridian) / (-2.0 * np.pi)), out=turns[1:])
         turns += np.round((motion.windward_meridian[-1] - meridian[-1]) / (2.0 * np.pi) - turns[-1])
-        return replace(
-            motion,
-            time=time,
-            alpha=angle_of_attack(xi),
-            windward_meridian=np.asarray(meridian + 2.0 * np.pi * turns, dtype=float),
-            roll_acceleration=None,
-            transverse_acceleration=None,
-            axial_share=None,
-            common_time=None,
-            **dict(zip(smooth, values, strict=True)),
-        )
+        meridian = np.asarray(meridian + 2.0 * np.pi * turns, dtype=float)
+        others: dict[str, Any] = {**dict.fromkeys(DERIVED), **dict(zip(smooth, values, strict=True))}
+        return replace(motion, time=time, alpha=angle_of_attack(xi), windward_meridian=meridian, **others)
 
     return earlier
 

@@ -25,7 +25,7 @@ from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig, methods
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
-from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, projected_variance
+from brv_hypo.motion.responses import EffectFit, Perturbation, projected_variance
 from brv_hypo.motion.signals import rms
 
 WARNED_LEFT = 10.0  # percent of the moments that remain beside fitted errors of the record, below which it warns
@@ -234,7 +234,7 @@ def reconstruct(
             EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(sigma))
             for e, value, sigma in found
         ),
-        corrected=corrected(flight, wind.effects),
+        corrected=wind.effects.corrected(flight),
         status="degraded" if warnings else "ok",
         warnings=warnings,
         own_warnings=own,

@@ -162,6 +162,20 @@ class EffectResponses:
     moment: ComplexArray  # C_m + i C_n (kept, k)
     turning: ComplexArray  # the same of the rates alone, with pressure and inertia as they are (kept, k)
 
+    @classmethod
+    def none(cls, record: InertialRecord) -> EffectResponses:
+        """Those of a record without errors."""
+        n = record.time.size
+        nothing = np.zeros((n, 0), dtype=complex)
+        return cls((), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), nothing, nothing.real, nothing, nothing)
+
+    def nonzero(self) -> EffectResponses:
+        """Those of the effects that change anything at all."""
+        each = {name: getattr(self, name) for name in ("drift", "force", "pressure", "moment", "turning")}
+        nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
+        effects = tuple(effect for effect, kept in zip(self.effects, nonzero, strict=True) if kept)
+        return replace(self, effects=effects, **{name: values[..., nonzero] for name, values in each.items()})
+
 
 @dataclass(frozen=True)
 class EffectFit:
@@ -172,34 +186,26 @@ class EffectFit:
     value: FloatArray  # mean (k,)
     covariance: FloatArray  # (k, k)
 
+    def corrected(self, flight: Flight) -> Flight:
+        """The flight without the estimated errors; UnanswerableError where no speed or dynamic pressure is left."""
+        errors = zip(self.responses.effects, self.value, strict=True)
+        flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
+        if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
+            return flight
+        largest = sorted(zip(self.value, self.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))
+        named = ", ".join(f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED])
+        raise UnanswerableError(
+            f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({named}):"
+            " no motion can be determined from them. Likely cause: gusts or controls that move the vehicle more than "
+            "its own motion, or axes and signs that are not as the map says. Remedy: check the map, take another "
+            "window (--start, --stop), or state wider tolerances (--instruments). What follows from the gyros "
+            "alone: `brv-hypo reconstruct --method rates`."
+        )
+
 
 def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
     """Variance (n,) of each of `rows` (n, k) times unknowns of that covariance (k, k)."""
     return np.asarray(np.maximum(np.sum((rows @ covariance) * rows, axis=1), 0.0))
-
-
-def no_responses(record: InertialRecord) -> EffectResponses:
-    """Those of a record without errors."""
-    n = record.time.size
-    none = np.zeros((n, 0), dtype=complex)
-    return EffectResponses((), DecimatedGrid(np.arange(n)), np.zeros((n, 3, 0)), none, none.real, none, none)
-
-
-def corrected(flight: Flight, fit: EffectFit) -> Flight:
-    """The flight corrected by the estimated errors; UnanswerableError where no speed or dynamic pressure is left."""
-    errors = zip(fit.responses.effects, fit.value, strict=True)
-    flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
-    if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
-        return flight
-    largest = sorted(zip(fit.value, fit.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))
-    named = ", ".join(f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED])
-    raise UnanswerableError(
-        f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({named}):"
-        " no motion can be determined from them. Likely cause: gusts or controls that move the vehicle more than its "
-        "own motion, or axes and signs that are not as the map says. Remedy: check the map, take another window "
-        "(--start, --stop), or state wider tolerances (--instruments). What follows from the gyros "
-        "alone: `brv-hypo reconstruct --method rates`."
-    )
 
 
 def effect_responses(
@@ -207,7 +213,7 @@ def effect_responses(
 ) -> EffectResponses:
     """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
-        return no_responses(record)
+        return EffectResponses.none(record)
     smooth, flight, meridian = noise_free(record, force), record.flight, np.unwrap(windward_meridian(crossflow))
     # The samples that the motion needs, each stretch between the ends of segments by itself.
     edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
@@ -230,14 +236,6 @@ def effect_responses(
     ]
     columns = (np.concatenate(each, axis=-1) for each in zip(*changes, strict=True))
     return EffectResponses(tuple(effects), kept, *columns)
-
-
-def nonzero_responses(responses: EffectResponses) -> EffectResponses:
-    """The responses of those effects that change anything at all."""
-    each = {name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment", "turning")}
-    nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
-    effects = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
-    return replace(responses, effects=effects, **{name: values[..., nonzero] for name, values in each.items()})
 
 
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:

@@ -41,7 +41,7 @@ def of_baseline(*flights: Flight) -> Rows:
     config = CompareConfig(mechanisms=("damping",), knot_count=3)
     problem, chosen = shared_problem([reconstruct(flight) for flight in flights], config)
     fit = fit_hypothesis(problem, "none", ())
-    whole, _ = linearised_about(problem, point_of(problem, fit.frame, fit.columns), chosen, config)
+    whole, _ = linearised_about(problem, point_of(problem, fit), chosen, config)
     return rows_of(whole, fit)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.inertial import derolled_attitude, inertial_record
 from brv_hypo.motion.methods import ReconstructionConfig
-from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, no_responses
+from brv_hypo.motion.responses import EffectFit, EffectResponses, Perturbation
 from brv_hypo.motion.signals import white_noise_level
 from tests.motion.truth import CONE, Truth, observe
 
@@ -82,8 +82,8 @@ def test_errors_that_leave_no_pressure_are_refused_by_name(truths: dict[str, Tru
         size=0.5,
         apply=lambda flight, value: replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + value)),
     )
-    responses = replace(no_responses(inertial_record(flight, ReconstructionConfig())), effects=(effect,))
+    responses = replace(EffectResponses.none(inertial_record(flight, ReconstructionConfig())), effects=(effect,))
     found = EffectFit(responses, np.zeros(1), np.array([1.0]), np.eye(1))
-    np.testing.assert_allclose(corrected(flight, found).dynamic_pressure, 0.5 * flight.dynamic_pressure)
+    np.testing.assert_allclose(found.corrected(flight).dynamic_pressure, 0.5 * flight.dynamic_pressure)
     with pytest.raises(UnanswerableError, match=r"many times their tolerances \(dynamic_pressure_scale  3\)"):
-        corrected(flight, replace(found, value=np.array([3.0])))
+        replace(found, value=np.array([3.0])).corrected(flight)

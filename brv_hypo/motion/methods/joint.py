@@ -18,40 +18,15 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.inertial import (
-    InertialRecord,
-    NominalMotion,
-    WindStart,
-    gravity_known,
-    inertial_record,
-    start_from_nose,
-)
+from brv_hypo.motion import inertial, smoother
+from brv_hypo.motion.inertial import InertialRecord, NominalMotion, WindStart
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
 from brv_hypo.motion.reconstruction import WindHistory
-from brv_hypo.motion.responses import (
-    EffectFit,
-    EffectResponses,
-    Perturbation,
-    corrected,
-    effect_responses,
-    no_responses,
-    nonzero_responses,
-    projected_variance,
-)
+from brv_hypo.motion.responses import EffectFit, EffectResponses, Perturbation, effect_responses, projected_variance
 from brv_hypo.motion.signals import rms, with_smooth_air
-from brv_hypo.motion.smoother import (
-    BENT,
-    Columns,
-    LinearMeasurement,
-    MeasurementModel,
-    WalkEquations,
-    WalkSolution,
-    force_measurement,
-    moment_measurement,
-    walk_equations,
-)
+from brv_hypo.motion.smoother import Columns, LinearMeasurement, MeasurementModel, WalkEquations, WalkSolution
 from brv_hypo.thresholds import FORCE_UNEXPLAINED
 
 START_PARTS = 5  # unknowns before the errors of the record: direction and gravity at the first sample
@@ -131,6 +106,7 @@ class SmoothedMotion:
 class _Point:
     """Where a search is: a nominal motion, and what is off it."""
 
+    measurements: Measurements  # what is fitted
     nominal: NominalMotion
     walk: ComplexArray  # transverse velocity that noise makes, in wind axes (n,) m/s
     errors: FloatArray  # of the record beyond the known ones, in units of their sizes (e,)
@@ -150,7 +126,7 @@ class RandomWalkSmoother:
         self, record: InertialRecord, responses: EffectResponses | None = None, known: FloatArray | None = None
     ) -> None:
         self.record = record
-        self.responses = no_responses(record) if responses is None else responses
+        self.responses = EffectResponses.none(record) if responses is None else responses
         self.known = np.zeros(len(self.responses.effects)) if known is None else known
         self.shared = START_PARTS + len(self.responses.effects)
         self.speed = record.flight.velocity
@@ -165,7 +141,7 @@ class RandomWalkSmoother:
         for gap in record.flight.gaps:
             share = np.linspace(0.0, 1.0, gap.stop - gap.start + 2)[1:-1]
             self.in_gaps[gap] = (rate * step * (gap.stop - gap.start)) ** 2 * share * (1.0 - share)
-        self.nose_start = start_from_nose(record)
+        self.nose_start = inertial.start_from_nose(record)
 
     def solve(
         self, measurements: Measurements, near: StartingPoint | None = None, enough: float = MOTION_CONVERGED
@@ -182,9 +158,9 @@ class RandomWalkSmoother:
             walk = off * np.conj(nominal.turn) * self.speed
         point, damping, converged = self._point(measurements, nominal, walk, errors), 0.0, False
         for _ in range(MOTION_MOST_STEPS):
-            drift, prior = self._drift(point), self._prior(measurements, point)
-            equations, step = self._linear(measurements, point, drift), (prior[0] - self._globals(point), prior[1])
-            cost = self._cost(measurements, point, equations, *prior)
+            drift, prior = self._drift(point), self._prior(point)
+            equations, step = self._linear(point, drift), (prior[0] - self._globals(point), prior[1])
+            cost = self._cost(point, equations, *prior)
             solution = equations.solve(*step)
             if not np.isfinite(cost + solution.cost):
                 raise UnanswerableError(
@@ -198,8 +174,8 @@ class RandomWalkSmoother:
             while gained <= 0.0 and damping < MOTION_DAMPING_MOST:
                 damped = equations.solve(*step, damping) if damping > 0.0 else solution
                 with np.errstate(over="ignore", invalid="ignore"):
-                    moved = self._moved(measurements, point, damped)
-                    change = cost - self._cost(measurements, moved, equations, *prior)
+                    moved = self._moved(point, damped)
+                    change = cost - self._cost(moved, equations, *prior)
                 gained = np.nan_to_num(change / (cost - damped.cost), nan=-1.0)
                 if gained < MOTION_TRUSTED:
                     damping = max(damping * MOTION_DAMPED, MOTION_DAMPING)
@@ -250,7 +226,7 @@ class RandomWalkSmoother:
             each.observed - own @ values - each.kept.all_of(np.asarray(each.effects @ errors))
             for each, own, values in zip(measurements, columns, coefficients, strict=True)
         )
-        return _Point(nominal, walk, errors, coefficients, crossflow, scaled, columns, residuals)
+        return _Point(measurements, nominal, walk, errors, coefficients, crossflow, scaled, columns, residuals)
 
     def _drift_by(self, errors: FloatArray) -> FloatArray:
         return self.responses.rows.all_of(np.asarray(self.responses.drift @ errors))
@@ -258,13 +234,13 @@ class RandomWalkSmoother:
     def _crossflow(self, nominal: NominalMotion, walk: ComplexArray, drift: FloatArray) -> ComplexArray:
         return nominal.with_offset((walk + nominal.across(drift[:, :, np.newaxis])[:, 0]) / self.speed)
 
-    def _moved(self, measurements: Measurements, point: _Point, solution: WalkSolution) -> _Point:
+    def _moved(self, point: _Point, solution: WalkSolution) -> _Point:
         theta, ends = solution.theta, np.cumsum([values.size for values in point.coefficients])[:-1]
         steps = np.split(theta[self.shared :], ends)
         coefficients = tuple(old + new for old, new in zip(point.coefficients, steps, strict=True))
         start = point.nominal.start.moved(complex(*theta[:2]), theta[2:START_PARTS])
         errors = point.errors + theta[START_PARTS : self.shared]
-        return self._point(measurements, NominalMotion(self.record, start), solution.walk, errors, coefficients)
+        return self._point(point.measurements, NominalMotion(self.record, start), solution.walk, errors, coefficients)
 
     def _drift(self, point: _Point) -> Columns:
         """Transverse velocity (n, shared) m/s in wind axes by each global that is none of a measurement's."""
@@ -281,14 +257,7 @@ class RandomWalkSmoother:
         columns = rows_of(slice(0, self.speed.size))
         return lambda rows: np.asarray(columns[rows])
 
-    def _cost(
-        self,
-        measurements: Measurements,
-        point: _Point,
-        equations: WalkEquations,
-        mean: FloatArray,
-        information: FloatArray,
-    ) -> float:
+    def _cost(self, point: _Point, equations: WalkEquations, mean: FloatArray, information: FloatArray) -> float:
         """Minus twice the log of likelihood times prior, with these priors; infinite where no flow can be."""
         if not np.max(np.abs(point.crossflow)) < 1.0:
             return np.inf
@@ -296,12 +265,12 @@ class RandomWalkSmoother:
         cost = float(equations.step_information @ (steps * np.conj(steps)).real)
         off = self._globals(point) - mean
         cost += float(off @ information @ off)
-        for measurement, residual in zip(measurements, point.residuals, strict=True):
+        for measurement, residual in zip(point.measurements, point.residuals, strict=True):
             cost += float(np.sum(np.abs(residual / measurement.sigma) ** 2))
         return cost
 
-    def _linear(self, measurements: Measurements, point: _Point, drift: Columns) -> WalkEquations:
-        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
+    def _linear(self, point: _Point, drift: Columns) -> WalkEquations:
+        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in point.measurements)])
         xi, walk, found = point.crossflow, point.walk, list[LinearMeasurement]()
 
         def columns(first: int, own: ComplexArray, gain: ComplexArray, by_errors: Columns, rows: slice) -> ComplexArray:
@@ -312,31 +281,31 @@ class RandomWalkSmoother:
             out[:, first : first + own.shape[1]] = own[rows]
             return out
 
-        for k, measurement in enumerate(measurements):
+        for k, measurement in enumerate(point.measurements):
             gain = point.scaled[k].gain(xi, point.coefficients[k], point.nominal.turn) / self.speed[:, np.newaxis]
             by_errors = partial(measurement.by_errors, measurement.modelled(xi, point.coefficients[k]))
             of_globals = partial(columns, int(ends[k]), point.columns[k], gain, by_errors)
             without_walk = point.residuals[k] + gain[:, 0] * walk.real + gain[:, 1] * walk.imag
             found.append(LinearMeasurement(without_walk, gain, of_globals, measurement.sigma))
-        return walk_equations(found, self.step_variance)
+        return smoother.walk_equations(found, self.step_variance)
 
     def _globals(self, point: _Point) -> FloatArray:
         """The globals at a point, from which a step counts them; no direction is likelier than another."""
         gravity, errors = point.nominal.start.gravity, self.known + point.errors
         return np.concatenate([np.zeros(2), gravity, errors, *point.coefficients])
 
-    def _prior(self, measurements: Measurements, point: _Point) -> tuple[FloatArray, FloatArray]:
+    def _prior(self, point: _Point) -> tuple[FloatArray, FloatArray]:
         """Mean (k,) and information (k, k) of the globals, about a point."""
         mean, known = np.zeros((2, self._globals(point).size))
         known[START_PARTS : self.shared] = 1.0
         at = self.shared
-        for measurement, values in zip(measurements, point.coefficients, strict=True):
+        for measurement, values in zip(point.measurements, point.coefficients, strict=True):
             if measurement.bends:
                 slope = float(np.mean(np.abs(measurement.slope(values))))
-                known[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
+                known[at + measurement.slope_basis.shape[1]] = (smoother.BENT**2 / slope) ** 2
             at += measurement.unknowns
         information, gravity = np.diag(known), slice(2, START_PARTS)
-        mean[gravity], information[gravity, gravity] = gravity_known(point.nominal)
+        mean[gravity], information[gravity, gravity] = inertial.gravity_known(point.nominal)
         return mean, information
 
 
@@ -360,7 +329,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     problem, near, left, converged = RandomWalkSmoother(record), None, 1.0, True
     if perturbations:
         problem, near, left, converged = _linearised(record, config, perturbations)
-    measurement = force_measurement(problem.record, problem.responses)
+    measurement = smoother.force_measurement(problem.record, problem.responses)
     fit, wander = _with_force(problem, measurement, near, left), 0.0
     measured, warnings = problem.record.measured, tuple[str, ...]()
     alone, residual = _relative_error(fit, measured), fit.residual[measured]
@@ -372,7 +341,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
             "its noise: wrong units, axes or signs of gyros or accelerometers, or a wrong speed, are likely",
         )
     if alone > FORCE_ENOUGH:
-        fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
+        fit = _with_moment(problem, fit.measurements, smoother.moment_measurement(problem.record, problem.responses))
         warnings += (
             f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment measures "
             "the attitude to the wind as well",
@@ -412,14 +381,14 @@ def _linearised(
         left = _left(record, force)
         del fit  # large, like the responses: only the last are kept
     assert near is not None
-    responses = nonzero_responses(effect_responses(record, near[1], force, perturbations))
+    responses = effect_responses(record, near[1], force, perturbations).nonzero()
     known = np.zeros(len(responses.effects))
     for _ in range(MOTION_LINEARISATIONS):
         old, effects = near[1], responses.effects
         fit = _rough_fit(RandomWalkSmoother(record, responses, known), near, left)
         moved, near = rms(fit.crossflow - old) / rms(np.hypot(*fit.sigmas())), (*fit.near[:2], None)
         known = fit.effects.value
-        record = inertial_record(corrected(flight, fit.effects), config)
+        record = inertial.inertial_record(fit.effects.corrected(flight), config)
         force = fit.normal_force
         left, converged = _left(record, force), fit.converged
         del fit
@@ -433,12 +402,12 @@ def _linearised(
 def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float) -> SmoothedMotion:
     """A fit with simple slopes, of the force alone where it says enough; its noise larger by what slopes lack."""
     record, responses = problem.record, problem.responses
-    measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
+    measurement = smoother.force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
     fit = problem.solve((force,), near, MOTION_ROUGH)
     if _relative_error(fit, record.measured) < FORCE_ENOUGH:
         return fit
-    return problem.solve((force, _with_anomalies(moment_measurement(record, responses))), enough=MOTION_ROUGH)
+    return problem.solve((force, _with_anomalies(smoother.moment_measurement(record, responses))), enough=MOTION_ROUGH)
 
 
 def _with_force(

@@ -13,7 +13,7 @@ import numpy as np
 from brv_hypo.motion.inertial import InertialRecord, body_crossflow, cycles, start_from_nose, wind_direction
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.reconstruction import WindHistory
-from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses, nonzero_responses
+from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses
 
 
 def velocity(
@@ -40,7 +40,7 @@ def from_nose(record: InertialRecord, perturbations: Sequence[Perturbation], *, 
     gravity_sigma = float(np.sqrt(12.0) * start_sigma * np.mean(speed) / record.time[-1])
     elapsed = np.abs(record.time - 0.5 * record.time[-1])
     walk = record.gyro_sigma**2 * record.flight.step * elapsed
-    responses = nonzero_responses(effect_responses(record, xi, record.transverse_force, perturbations))
+    responses = effect_responses(record, xi, record.transverse_force, perturbations).nonzero()
     drift = responses.rows.all_of(responses.drift)
     moved = drift - drift[int(np.argmin(elapsed))]
     errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
