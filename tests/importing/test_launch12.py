@@ -52,12 +52,9 @@ def test_its_speed_agrees_with_the_altimeters_own(launch12: Imported) -> None:
 def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported, settings: dict[str, Any]) -> None:
     compared = compare([launch12.flight], CompareConfig(accept_record=True, **settings))
     verdict = compared.verdict
+    assert verdict.outcome == "undecided"
     assert verdict.winner is None
-    assert verdict.outcome == "none adequate"
-    assert verdict.adequacy is not None
-    assert not verdict.adequacy.adequate
-    assert verdict.adequacy.ratio > 1.5
-    assert "times the noise (rms)" in verdict.reason
+    assert "But the record contradicts itself" in verdict.reason
     assert min(compared.series[0].sigma) > 0.0
 
 
