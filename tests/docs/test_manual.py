@@ -200,7 +200,7 @@ def test_the_loop_on_the_measured_entry_runs_as_in_the_manual(brv_hypo, tmp_path
             "opportunity",
             "opportunity_entry.map.yaml",
             "compare",
-            (0, ["Verdict: undecided", "inplane describes the moments best"]),
+            (0, ["Verdict: undecided", "inplane has the largest evidence"]),
             marks=pytest.mark.slow,
         ),
         ("rocket", "launch12", "imu.map.yaml", "compare", (1, ["Degraded", "record fault"])),
