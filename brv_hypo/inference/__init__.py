@@ -4,6 +4,7 @@ build.py       entrance: from reconstructed flights to the problem (problem.py, 
 fit.py         best subset of a hypothesis's columns (search.py, reduced.py), and its errors; refinement.py moves delays
                and knots
 rows.py        what was observed and what may explain it beside processes, as whitened rows
+marginal.py    all that is linear in these integrated out, at given amplitudes
 evidence.py    the evidence of a hypothesis, maximised over amplitudes; all that is stated is read off it
 derivatives.py the moment as a function of Mach number and alpha; unmodelled.py shapes that no listed mechanism has
 held_out.py    prediction error on held-out blocks

@@ -1,18 +1,10 @@
 """The evidence of a hypothesis, and all that is read off it.
 
-    y = U b + X c + Z a + e,   a ~ N(0, s^2 S^2),   c ~ N(0, s^2 t^2 T^2),   b ~ flat or N(0, s^2),   e ~ N(0, s^2)
+    y = U b + X c + Z a + e        (`inference.marginal`, where b, c and a are integrated out)
 
-With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
-amplitudes S of processes, t of the mechanism and the noise s, by Newton's method in a trust region. Knots and delays
-are columns of X, linear about where they are, with the spread of a uniform prior: their posterior widths over their
-ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated first
-(Woodbury's identity), and what remains is as large as U and X:
-
-    A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
-    2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
-
-Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4; the curvature
-is that of restricted likelihood (Searle, Casella and McCulloch, Variance Components, 1992, 6.6).
+log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the amplitudes S of processes, t of
+the mechanism and the noise s, by Newton's method in a trust region. Knots and delays have the spread of a uniform
+prior: their posterior widths over their ranges are Occam's share of what was searched.
 """
 
 from __future__ import annotations
@@ -20,17 +12,31 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, helmert, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import cho_solve, helmert
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.fit import HypothesisFit, LeftOut
+from brv_hypo.inference.marginal import (
+    Integrated,
+    amplitudes,
+    cost_of,
+    curvature_of,
+    eliminated,
+    factored,
+    factors_of,
+    lower_factor,
+    reduced,
+    scale_of,
+    slope_of,
+    solution_of,
+    spreads,
+)
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
+from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
@@ -38,60 +44,10 @@ _LARGEST, _WALL = float(np.log(3.0)), 0.1  # logarithm of the largest amplitude,
 _SLOPE = 0.1  # nats a logarithm, at which a maximisation ends: one more step of Newton's squares what is wrong there
 _ROUNDING = 1e-9  # of a covariance
 _LARGEST_STEP = 3.0  # of all logarithms together
-_KEPT = 4  # amplitudes of which factors are kept
-
-
-class _Solution(NamedTuple):
-    """b and c with their covariance under noise of 1."""
-
-    level: float  # half of the log determinants
-    misfit: float
-    border: FloatArray
-    covariance: FloatArray
-
-
-class _OfProcesses(NamedTuple):
-    """Of one flight the standardised a at its mode, with its variances under noise of 1."""
-
-    mode: FloatArray
-    inverse: FloatArray  # that of its `_Factor`
-    follows: FloatArray  # by how much a falls as b and c rise (columns, border)
-    variances: FloatArray
 
 
 @dataclass(frozen=True)
-class _Integrated:
-    """All that is integrated out at some amplitudes; what is of processes only where it is requested."""
-
-    rows: Rows
-    terms: Terms
-    products: Products
-    at: FloatArray  # logarithms of the noise, of every process's amplitude, and of the mechanism's
-
-    @cached_property
-    def _parts(self) -> dict[int, _Eliminated]:
-        return _eliminated(self.products, _factors(self.rows, self.at))
-
-    @cached_property
-    def solution(self) -> _Solution:
-        """b and c, at their mode."""
-        return _solved(self.products, self._parts, self.rows, self.terms, self.at)
-
-    @cached_property
-    def processes(self) -> tuple[_OfProcesses, ...]:
-        """a of each flight: large, and wanted of few."""
-        solution, found = self.solution, []
-        for part, factor in zip(self._parts.values(), _factors(self.rows, self.at).values(), strict=True):
-            both = np.column_stack([part.made, part.own])
-            both = solve_triangular(factor.lower, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-            follows, inverse = both[:, :-1], factor.inverse
-            variances = np.diag(inverse) + np.sum((follows @ solution.covariance) * follows, axis=1)
-            found.append(_OfProcesses(both[:, -1] - follows @ solution.border, inverse, follows, variances))
-        return tuple(found)
-
-
-@dataclass(frozen=True)
-class Evidence(_Integrated):
+class Evidence(Integrated):
     """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
 
     level: float
@@ -132,7 +88,7 @@ class Evidence(_Integrated):
         """What all processes make of the rows (n,), at their mode."""
         out = np.zeros(self.rows.y.size)
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
-            out[block.rows] = block.z @ (_scale(self.rows, block, self.at) * own.mode)
+            out[block.rows] = block.z @ (scale_of(self.rows, block, self.at) * own.mode)
         return out
 
     @cached_property
@@ -206,7 +162,7 @@ class Evidence(_Integrated):
         out = np.zeros(len(self.rows.problem.rows.nuisances.items))
         fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
-            by_process = (block.estimates @ block.errors_in_z.T) * _scale(self.rows, block, self.at)
+            by_process = (block.estimates @ block.errors_in_z.T) * scale_of(self.rows, block, self.at)
             by_fixed = block.estimates @ (block.errors.T @ fixed[block.rows]) - by_process @ own.follows
             inverse = own.inverse + np.tril(own.inverse, -1).T
             variance = 1.0 - np.sum(block.estimates**2, axis=1)
@@ -222,13 +178,13 @@ class Evidence(_Integrated):
         """
         shared = np.append(self.rows.spread**-2.0, np.zeros(self.terms.spread.size))
         inner = self.products.across + np.diag(shared)
-        factor = _factor(inner, float(np.max(np.diag(inner))))
+        factor = lower_factor(inner, float(np.max(np.diag(inner))))
         fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
         made, variances = self._values_of_border, np.zeros(len(self.rows.problem.rows.nuisances.items))
         covariance = np.zeros((made.shape[0],) * 2)
         for number, known in self.products.flights.items():
             block = self.rows.blocks[number]
-            scale = _scale(self.rows, block, self.at)
+            scale = scale_of(self.rows, block, self.at)
             moved = cho_solve((factor, True), known.with_border.T * scale, check_finite=False)  # by each coefficient
             covariance += (made @ moved) @ (made @ moved).T
             followed = block.errors_in_z.T * scale - block.errors.T @ fixed[block.rows] @ moved
@@ -240,14 +196,14 @@ class Evidence(_Integrated):
         """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
         first = self.rows.shared.shape[1]
         own = slice(first, first + self.terms.known)
-        covariance, spread = self.solution.covariance[own, own], _spreads(self.rows, self.terms, self.at)[own]
+        covariance, spread = self.solution.covariance[own, own], spreads(self.rows, self.terms, self.at)[own]
         return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
 
     def level_without(self, chosen: Sequence[int]) -> float:
         """Log evidence without some of X, at the same amplitudes (Savage, Dickey: Verdinelli and Wasserman 1995)."""
         places = self.rows.shared.shape[1] + np.array(chosen)
         covariance = self.solution.covariance[np.ix_(places, places)]
-        at_mode, spread = self.solution.border[places], _spreads(self.rows, self.terms, self.at)[places]
+        at_mode, spread = self.solution.border[places], spreads(self.rows, self.terms, self.at)[places]
         _, level = np.linalg.slogdet(covariance / np.outer(spread, spread))
         squares = float(at_mode @ np.linalg.solve(covariance, at_mode)) / self.noise**2
         return self.level - 0.5 * (squares + float(level))
@@ -271,7 +227,7 @@ class Evidence(_Integrated):
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
-        out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
+        out, amplitude = np.zeros(self.rows.y.size), amplitudes(self.rows, self.at)[process]
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
             columns = block.columns[process]
             out[block.rows] = block.raw[:, columns] @ (amplitude * own.mode[columns])
@@ -279,7 +235,7 @@ class Evidence(_Integrated):
 
     def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
         """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
-        unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
+        unit = amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
         each = [(own, b.columns[process]) for b, own in zip(self.rows.blocks, self.processes, strict=True)]
         modes = np.concatenate([own.mode[columns] for own, columns in each])
         variances = np.concatenate([own.variances[columns] for own, columns in each])
@@ -303,7 +259,7 @@ class Evidence(_Integrated):
         shared[:, first : first + self.terms.known] = values[:, known:] @ made[known:, first : first + self.terms.known]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
-            own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
+            own[:, block.columns[k]] = amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
         follows, inverse = of_flight.follows, of_flight.inverse + np.tril(of_flight.inverse, -1).T
         both = shared - own @ follows
         variance = np.sum((both @ found.covariance) * both, axis=1)
@@ -323,7 +279,7 @@ class Evidence(_Integrated):
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
         costs = [cost for cost, _, _ in self._without_stretches]
-        return np.array(costs) - _value(self.products, self.rows, self.solution, self.at)
+        return np.array(costs) - cost_of(self.products, self.rows, self.solution, self.at)
 
     def left_out(self, weight: float) -> LeftOut:
         """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
@@ -339,10 +295,10 @@ class Evidence(_Integrated):
         without = []
         for stretch in self.rows.stretch_products:
             rest = self.products.less(stretch.beside(self.rows, self.terms.x))
-            parts = {**known, **_eliminated(rest, _factored(rest, self.rows, self.at))}
-            found = _solved(rest, parts, self.rows, self.terms, self.at)
+            parts = {**known, **eliminated(rest, factored(rest, self.rows, self.at))}
+            found = solution_of(rest, parts, self.rows, self.terms, self.at)
             covariance = self.noise**2 * made @ found.covariance @ made.T
-            without.append((_value(rest, self.rows, found, self.at), made @ found.border, covariance))
+            without.append((cost_of(rest, self.rows, found, self.at), made @ found.border, covariance))
         return without
 
     def with_moments(self, rates: FloatArray) -> Products:
@@ -351,8 +307,8 @@ class Evidence(_Integrated):
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of what is beside the terms, P the inverse covariance with all else integrated out."""
-        inner, right = _reduced(products, _eliminated(products, _factors(self.rows, self.at)))
-        spread = _spreads(self.rows, self.terms, self.at)
+        inner, right = reduced(products, eliminated(products, factors_of(self.rows, self.at)))
+        spread = spreads(self.rows, self.terms, self.at)
         first = spread.size
         inner[:first, :first] += np.diag(spread**-2.0)
         known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
@@ -386,7 +342,7 @@ class _Surface:
     rows: Rows
     terms: Terms
     products: Products
-    _last: dict[bytes, _Integrated] = field(default_factory=dict)
+    _last: dict[bytes, Integrated] = field(default_factory=dict)
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
@@ -395,12 +351,12 @@ class _Surface:
         centre, width = np.array([NOISE_LEVEL, *(group.prior for group in self.rows.groups), *of_terms], dtype=float).T
         return centre, width
 
-    def found(self, at: FloatArray) -> _Integrated:
+    def found(self, at: FloatArray) -> Integrated:
         """What is integrated out there."""
         key = at.tobytes()
         if key not in self._last:
             self._last.clear()
-            self._last[key] = _Integrated(self.rows, self.terms, self.products, at)
+            self._last[key] = Integrated(self.rows, self.terms, self.products, at)
         return self._last[key]
 
     def evidence(self, at: FloatArray) -> Evidence:
@@ -413,17 +369,17 @@ class _Surface:
         """Minus log p, but for a constant."""
         centre, width = self.prior
         off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((_beyond(at) / _WALL) ** 2))
-        return _value(self.products, self.rows, self.found(at).solution, at) + off
+        return cost_of(self.products, self.rows, self.found(at).solution, at) + off
 
     def slope(self, at: FloatArray) -> FloatArray:
         """First derivatives."""
         centre, width = self.prior
-        return np.asarray(_slope(self.found(at)) + (at - centre) / width**2 + _beyond(at) / _WALL**2)
+        return np.asarray(slope_of(self.found(at)) + (at - centre) / width**2 + _beyond(at) / _WALL**2)
 
     def curvature(self, at: FloatArray) -> FloatArray:
         """Second derivatives."""
         prior = self.prior[1] ** -2.0 + (_beyond(at) > 0.0) / _WALL**2
-        return np.asarray(_curvature(self.found(at)) + np.diag(prior))
+        return np.asarray(curvature_of(self.found(at)) + np.diag(prior))
 
 
 def _beyond(at: FloatArray) -> FloatArray:
@@ -441,176 +397,3 @@ def rows_under_own_noise(whole: Problem, point: HypothesisFit) -> tuple[Rows, Fl
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
     again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), point)
     return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
-
-
-def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(at[1 : 1 + len(rows.groups)]))
-
-
-def _scale(rows: Rows, block: Block, at: FloatArray) -> FloatArray:
-    """S of one flight: the amplitude of each column of its Z (columns,)."""
-    return np.repeat(_amplitudes(rows, at), [own.stop - own.start for own in block.columns])
-
-
-def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
-    """Prior 1-sigma of b and c under noise of 1."""
-    amplitude = np.exp(at[-1]) if np.any(terms.scaled) else 1.0
-    return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
-
-
-@dataclass(frozen=True)
-class _Factor:
-    """Of one flight S, a value for each column of Z, and L."""
-
-    scale: FloatArray
-    lower: FloatArray
-
-    @cached_property
-    def inverse(self) -> FloatArray:
-        """M^-1, zero above its diagonal."""
-        return np.asarray(dpotri(self.lower, lower=1)[0]) if self.lower.size else self.lower
-
-
-def _factors(rows: Rows, at: FloatArray) -> dict[int, _Factor]:
-    """Those of each flight with all of its rows, the same beside any terms; of the latest amplitudes they are kept."""
-    key, known = _amplitudes(rows, at).tobytes(), rows.factors
-    found: dict[int, _Factor] = known.pop(key, None) or _factored(rows.products, rows, at)
-    known[key] = found
-    if len(known) > _KEPT:
-        del known[next(iter(known))]
-    return found
-
-
-def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
-    factors = {}
-    for number, known in products.flights.items():
-        scale = _scale(rows, rows.blocks[number], at)
-        matrix = known.own * scale
-        matrix *= scale[:, np.newaxis]
-        matrix[np.diag_indices_from(matrix)] += 1.0
-        factors[number] = _Factor(scale, _factor(matrix, float(np.max(np.diag(matrix), initial=1.0))))
-    return factors
-
-
-def _factor(matrix: FloatArray, largest: float) -> FloatArray:
-    """Its lower factor; eigenvalues lost in rounding, as without noise, are at what that leaves of the `largest`."""
-    try:
-        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
-    except LinAlgError:
-        rounding = matrix.shape[0] * np.finfo(float).eps * largest
-        return np.asarray(cholesky(matrix + rounding * np.eye(matrix.shape[0]), lower=True, check_finite=False))
-
-
-class _Eliminated(NamedTuple):
-    """Of one flight W and w, what they take of the normal equations and of the squares, and log |L|."""
-
-    made: FloatArray
-    own: FloatArray
-    square: FloatArray
-    right: FloatArray
-    misfit: float
-    level: float
-
-
-def _eliminated(products: Products, factors: Mapping[int, _Factor]) -> dict[int, _Eliminated]:
-    parts = {}
-    for number, factor in factors.items():
-        known = products.flights[number]
-        both = factor.scale[:, np.newaxis] * np.column_stack([known.with_border, known.with_y])
-        made = solve_triangular(factor.lower, both, lower=True, check_finite=False, overwrite_b=True)
-        border, own = made[:, :-1], made[:, -1]
-        level = float(np.sum(np.log(np.diag(factor.lower))))
-        parts[number] = _Eliminated(border, own, border.T @ border, border.T @ own, float(own @ own), level)
-    return parts
-
-
-def _reduced(products: Products, parts: Mapping[int, _Eliminated]) -> tuple[FloatArray, FloatArray]:
-    """Normal equations of U and X with all processes eliminated: matrix and right side."""
-    inner = products.across - sum(each.square for each in parts.values())
-    return np.asarray(inner), np.asarray(products.right - sum(each.right for each in parts.values()))
-
-
-def _solved(
-    products: Products, parts: Mapping[int, _Eliminated], rows: Rows, terms: Terms, at: FloatArray
-) -> _Solution:
-    """b and c with all processes eliminated."""
-    spread = _spreads(rows, terms, at)
-    inner, right = _reduced(products, parts)
-    inner = inner + np.diag(spread**-2.0)
-    outer = _factor(inner, float(np.max(np.diag(products.across))))
-    border = cho_solve((outer, True), right, check_finite=False)
-    level = sum(each.level for each in parts.values())
-    level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
-    covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
-    rest = products.square - sum(each.misfit for each in parts.values()) - float(right @ border)
-    return _Solution(level, rest, border, covariance)
-
-
-def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
-    """Minus log p, but for a constant and the priors of amplitudes."""
-    freedom = products.rows - int(np.sum(np.isinf(rows.spread)))
-    return float(found.level + freedom * at[0] + 0.5 * found.misfit * np.exp(-2.0 * at[0]))
-
-
-def _slope(there: _Integrated) -> FloatArray:
-    """Derivative of `_value` by the logarithms (noise, amplitudes of processes, of the mechanism)."""
-    rows, terms, at, found = there.rows, there.terms, there.at, there.solution
-    slope, per_noise = np.zeros(at.size), np.exp(-2.0 * at[0])
-    for block, of_flight in zip(rows.blocks, there.processes, strict=True):
-        each = 1.0 - per_noise * of_flight.mode**2 - of_flight.variances
-        for k, own in enumerate(block.columns, start=1):
-            slope[k] += float(np.sum(each[own]))
-    slope[0] = there.products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
-    if np.any(terms.scaled):
-        chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
-        precision = _spreads(rows, terms, at)[chosen] ** -2.0
-        squares = per_noise * found.border[chosen] ** 2 + np.diag(found.covariance)[chosen]
-        slope[-1] = float(np.sum(1.0 - precision * squares))
-    return slope
-
-
-def _curvature(there: _Integrated) -> FloatArray:
-    """Second derivatives of `_value`. With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m,
-    d Q_ij / d log S_k takes Q_ik Q_kj and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what
-    they share alone in common, so that of two flights sums over their columns suffice.
-    """
-    rows, terms, at, found = there.rows, there.terms, there.at, there.solution
-    per_noise, mechanism = np.exp(-2.0 * at[0]), bool(np.any(terms.scaled))
-    squares, traces, pairs = np.zeros(at.size - 1), np.zeros(at.size - 1), np.zeros((at.size - 1, at.size - 1))
-    chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
-    precision = np.where(chosen, 1.0 / _spreads(rows, terms, at), 0.0)
-    sums, grams = np.zeros((at.size - 1, chosen.size)), np.zeros((at.size - 1, chosen.size, chosen.size))
-
-    def gather(mode: FloatArray, makes: FloatArray, inverse: FloatArray, groups: Sequence[slice], first: int) -> None:
-        """What unknowns of one flight, or of all, have among themselves; `makes` of each by what all share."""
-        places, starts = np.arange(first, first + len(groups)), [own.start for own in groups]
-        through, diagonal = makes @ found.covariance, np.diag_indices_from(inverse)
-        rest = -inverse  # Q beside what all share, below the diagonal and on it
-        rest[diagonal] += 1.0
-        both = np.column_stack([4.0 * through, 4.0 * per_noise * mode]) @ np.column_stack([makes, mode]).T
-        both -= rest
-        both -= rest
-        both *= rest
-        both[diagonal] *= 0.5
-        half = np.add.reduceat(np.add.reduceat(both, starts, axis=1), starts, axis=0)
-        pairs[np.ix_(places, places)] += half + half.T
-        squares[places] += np.add.reduceat(per_noise * mode**2, starts)
-        traces[places] += np.add.reduceat(np.diag(rest) - np.sum(through * makes, axis=1), starts)
-        for place, own in zip(places, groups, strict=True):
-            sums[place] += makes[own].T @ mode[own]
-            grams[place] += makes[own].T @ makes[own]
-
-    for block, own in zip(rows.blocks, there.processes, strict=True):
-        gather(own.mode, -own.follows, own.inverse, block.columns, 0)
-    if mechanism:
-        makes = np.diag(precision)[chosen]
-        mode = makes @ found.border
-        gather(mode, makes, np.zeros((mode.size, mode.size)), [slice(0, mode.size)], at.size - 2)
-    pairs -= 4.0 * per_noise * sums @ found.covariance @ sums.T
-    through = grams @ found.covariance
-    pairs -= 2.0 * np.einsum("iab,jba->ij", through, through)
-    out = np.zeros((at.size, at.size))
-    out[1:, 1:] = pairs + np.diag(2.0 * (traces - squares))
-    out[0, 1:] = out[1:, 0] = 2.0 * squares
-    out[0, 0] = 2.0 * found.misfit * per_noise
-    return out

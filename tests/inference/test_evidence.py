@@ -16,6 +16,7 @@ from scipy import stats
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference import Evidence, Rows, evidence, maximised
+from brv_hypo.inference.marginal import lower_factor
 from brv_hypo.inference.rows import Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 from tests.inference.small import Dense, Sizes, dense, small, without_prior
@@ -393,5 +394,5 @@ def test_a_matrix_whose_smallest_eigenvalues_are_lost_in_rounding_has_a_factor(s
     rows = np.random.default_rng(seed).standard_normal((40, 3))
     matrix = 1e18 * rows @ rows.T + np.eye(40)
     matrix -= 1e3 * np.eye(40)  # as rounding may leave it
-    factor = evidence._factor(matrix, float(matrix.max()))
+    factor = lower_factor(matrix, float(matrix.max()))
     np.testing.assert_allclose(factor @ factor.T, matrix, rtol=0.0, atol=1e-12 * matrix.max())
