@@ -15,12 +15,14 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.linalg import orth
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.judgement import processes
 from brv_hypo.comparison.limits import Shape, regions
 from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.inference.evidence import Evidence, maximised
@@ -28,8 +30,11 @@ from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import Regressor, term_column
 from brv_hypo.motion.motion import Motion
+from brv_hypo.prediction.frozen import FrozenModel
 from brv_hypo.prediction.result import Difference, LocalChange
 from brv_hypo.thresholds import REFUSED, SPECIFIC
+from brv_hypo.tracing.families import beside_processes
+from brv_hypo.tracing.fit import fitted_about
 
 # Where slope or damping differ from a frozen model's: a study of its own, `tests.studies.independent.sisters
 # --changed`.
@@ -57,6 +62,69 @@ class ChangedSchedule(Mechanism):
         """C_malpha and C_mq."""
         both = (static_terms(motion)[1], pitch_damping_term(motion))
         return tuple(term for term in both if self.of in (None, term.name))
+
+
+class Tested(NamedTuple):
+    """What a flight says of a frozen model."""
+
+    differences: tuple[Difference, ...]  # coefficients that differ throughout, surest first
+    change: LocalChange | None  # between two times
+    misfit: float  # rms residual over the noise, with what differs fitted
+    far: tuple[str, ...]  # processes far beyond their ordinary size, in words
+
+    @property
+    def refused(self) -> bool:
+        """Whether it contradicts the model."""
+        return self.change is not None or any(each.p_value < REFUSED for each in self.differences)
+
+
+def tested_against(model: FrozenModel, terms: Sequence[TermEstimate]) -> Tested:
+    """What a flight says of a frozen model, whose `terms` are those of all columns."""
+    fixed, known, columns = model.fixed, model.known, model.columns
+    stated, bare = model.covariances
+
+    def differ(own: Evidence) -> FloatArray:
+        """What fixed coefficients may differ by on two flights that both have processes, or have none."""
+        return (stated if own.rows.groups else bare) + model.of_scale
+
+    about = model.fit
+    for again in (False, True):  # about this flight's own, where one that is far off moves the vehicle elsewhere
+        every = beside_processes(about, about.model, about.problem.rows.part)
+        every = replace(every, rows=every.rows.allowing(model.moved_by_times))
+        alone = every.evidence([], ())
+        better = max(alone, every.null, key=lambda each: each.level)
+        differences = find_differences(better, terms, fixed, differ(better))
+        differing = {(each.mechanism, each.term) for each in differences}
+        differs = any(each.p_value < REFUSED for each in differences)
+        if again or not differs:
+            break
+        here_is = {(each.mechanism, each.term): each.frozen + each.value for each in differences}
+        pairs = zip(terms, about.values.tolist(), strict=True)
+        moved_to = np.array([here_is.get((each.mechanism, each.name), value) for each, value in pairs])
+        moving = fitted_about(about.data, about.model, moved_to)
+        about = replace(moving, problem=moving.problem.on(about.problem.rows.part), known=about.known)
+
+    def changed(places: Sequence[int]) -> tuple[LocalChange | None, Evidence]:
+        """A change between two times beside some of the fixed coefficients within their covariance."""
+        agreed = np.where(np.isin(np.arange(len(columns)), known[places]), fixed, np.nan)
+        pair = ((each, differ(each)[np.ix_(places, places)]) for each in (alone, every.null))
+        own, beside_all = (fixed_within(each, columns, agreed, there) for each, there in pair)
+        return find_local_change(own, beside_all), own
+
+    change, within_both = changed(range(known.size))
+    misfit = min(_misfit(better), _misfit(within_both, 0.0 if change is None else change.f_ratio))
+    far = tuple(each.sized for each in processes(better) if each.is_far and each.is_of_moment)
+    if change is not None and differs:
+        # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
+        same = [k for k, j in enumerate(known) if (terms[j].mechanism, terms[j].name) not in differing]
+        change = change if changed(same)[0] is not None else None
+    return Tested(differences, change, misfit, far)
+
+
+def _misfit(own: Evidence, gain: float = 0.0) -> float:
+    """The rms residual over the record's noise, whose level has a narrow prior; a term of this F-ratio taken out."""
+    squares = float(np.sum(own.residual[own.rows.counted] ** 2)) - gain * own.noise**2
+    return own.rows.noise_ratio * math.sqrt(max(squares, 0.0) / own.rows.size)
 
 
 def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArray, covariance: FloatArray) -> Evidence:

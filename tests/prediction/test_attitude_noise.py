@@ -13,7 +13,7 @@ from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.signals import derivatives
 from brv_hypo.prediction import predict
-from brv_hypo.prediction.predict import BAND_SIGMAS, noise_share
+from brv_hypo.prediction.band import BAND_SIGMAS, noise_share
 from brv_hypo.simulation import simulate
 from brv_hypo.simulation.config import InstrumentsConfig
 from tests.chains import TRIM, traced_trim, trimmed_cone
