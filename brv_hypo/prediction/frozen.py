@@ -136,11 +136,7 @@ def frozen_on(flight: Flight, content: SavedModel, refit: tuple[str, ...], confi
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
     refit = tuple(_in_model(model, name) for name in refit)
     to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
-    changes = [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"]
-    ends = flight.time[[0, -1]].tolist()
-    if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
-        where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
-        raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
+    _require_times(flight, content, to_refit, refit)
     if not here:  # without what belongs to the times and to the instruments of its own flights
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())
@@ -188,6 +184,15 @@ def frozen_on(flight: Flight, content: SavedModel, refit: tuple[str, ...], confi
     # about a plain moment, whose errors are those of a lag's fraction.
     about = found[-PREDICTED_LINEARISATIONS:] if delays else found
     return min(about, key=lambda each: each[0])[1]
+
+
+def _require_times(flight: Flight, content: SavedModel, to_refit: set[Regressor], refit: Sequence[str]) -> None:
+    """UsageError where what is fitted here changes at times of the model's flight alone."""
+    changes = [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"]
+    ends = flight.time[[0, -1]].tolist()
+    if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
+        where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
+        raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
 
 
 def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
