@@ -166,7 +166,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
         slopes = zip(flights, known["functions"]["C_malpha"], strict=True)
         warnings = (*warnings, *dict.fromkeys(each for own in slopes for each in diagnostics.caveats_of(*own)))
     if verdict.winner or verdict.described:
-        warnings = (*warnings, *untested_laws(leading))
+        warnings = (*warnings, *(each.sentence for each in untested_laws(leading)))
     known["best_by_size"] = diagnostics.best_by_size(problem, fits, criteria[beside.null])
     events = (
         *diagnostics.events_unreached(comparison),

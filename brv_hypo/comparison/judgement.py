@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -21,7 +22,7 @@ from brv_hypo.comparison.intervals import channel_of, within_bounds
 from brv_hypo.comparison.limits import regions
 from brv_hypo.comparison.preparation import Reading, aligned, linearised_about, shared_problem
 from brv_hypo.comparison.result import AT_ITS_ENDS, LEAST_PROCESS, Explained, ProcessEstimate
-from brv_hypo.comparison.with_processes import Pair, acting, likelier, moved, price, squares_of_regions
+from brv_hypo.comparison.with_processes import Pair, acting, fitted, likelier, moved, price, squares_of_regions
 from brv_hypo.inference.build import LinearisationPoint, point_of, within_reach
 from brv_hypo.inference.derivatives import as_planted, beside_its_processes, moment_of_process, scale_variance
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
@@ -30,7 +31,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import shift_sigma
 from brv_hypo.inference.rows import Rows
-from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
+from brv_hypo.inference.unmodelled import PLAIN, RATE, plain_columns, plain_instead, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
@@ -43,8 +44,10 @@ from brv_hypo.thresholds import FAR_PROCESS, MECHANISM_ACTS, MOST_REGIONS, NOISE
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 LINEARISATIONS = 4  # about one hypothesis after the first, at most
-LIKELIER = 3.0  # nats by which each of these has to be likelier
+LIKELIER = 3.0  # nats by which each of these has to be likelier, or may be less where it moves
+MOVED = 2.0  # standard errors of a coefficient from where the record is linear: such steps square what is wrong
 _SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
+_ROUNDING = 1e-9  # of coefficients, up to which nothing remains of their sum
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
 Say = Callable[[str], None]
@@ -87,11 +90,15 @@ class Judged:
         """What a nat of a hypothesis counts: as those of the leader, or by its own share where no mechanism leads."""
         return self.weight * (1.0 if self.leading.fit.selected else share_of(pair))
 
+    def likelier_than(self, other: Judged) -> float:
+        """By how many nats the leader is; where another motion keeps other rows, by those of a row."""
+        return (self._per_row - other._per_row) * min(self.rows.size, other.rows.size)
+
     @property
-    def absolute(self) -> float:
+    def _per_row(self) -> float:
         """Log evidence of the leader, but for a constant of the record: rows of either channel are over their noise."""
-        noise = self.rows.problem.rows.noise
-        return self.leading.possible_level - 0.5 * self.rows.size * math.log(noise.rates.sigma * noise.force.sigma)
+        noise, size = self.rows.problem.rows.noise, self.rows.size
+        return self.leading.possible_level / size - 0.5 * math.log(noise.rates.sigma * noise.force.sigma)
 
     @property
     def misfit(self) -> float:
@@ -163,12 +170,12 @@ class Searched:
             point = point_of(self.problem, fit)
             found = _beside_processes(self._linear(self.problem, fit, point), fit, [*null, fit])
             if found.leading.fit.selected:
-                tried.append((found.absolute, fit))
+                tried.append((found.likelier_than(known), fit))
         best = max(tried, key=lambda each: each[0], default=(-math.inf, None))[1]
-        if best is None or self._linearised(best, [*null, best]).absolute <= known.absolute:
+        if best is None or self._linearised(best, [*null, best]).likelier_than(known) <= 0.0:
             return None
         found = self._linearised(best, [best if fit.name == best.name else fit for fit in self.fits])
-        return found if found.absolute > known.absolute else None
+        return found if found.likelier_than(known) > 0.0 else None
 
     def _linearised(self, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
         """Hypotheses linear about one, and about another that leads there: the likelier of both."""
@@ -177,7 +184,7 @@ class Searched:
         if leader.name == point.name:
             return first
         second = self._about_itself(first.problem, leader, first.fits, _point_beside(first))
-        if second.absolute > first.absolute:
+        if second.likelier_than(first) > 0.0:
             return second
         return replace(first, elsewhere=explained(second)) if likeliest(second.fits).name == point.name else first
 
@@ -185,8 +192,9 @@ class Searched:
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
     ) -> Judged:
         """Hypotheses linear about one. Where its residual is more than noise, processes are far beyond their ordinary
-        size, or it acts in several regions (of which one may be what is not linear of another), it alone is linearised
-        about itself beside processes, step by step, while it becomes likelier: the method of Gauss and Newton.
+        size, it acts in several regions (of which one may be what is not linear of another) or its coefficients have
+        moved by more than they err, it alone is linearised about itself beside processes, step by step, while it
+        becomes likelier or moves on: the method of Gauss and Newton.
         """
         few = [each for each in fits if not each.mechanisms or each.name == fit.name]
         point = at or point_of(problem, fit)
@@ -194,16 +202,17 @@ class Searched:
         known, elsewhere = _beside_processes(here, fit, few), None
         near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)
         enough = at is None and near and len(known.leading.fit.regions) < 2
-        for _ in range(0 if enough else LINEARISATIONS):
+        moves = _moved(fit, known.leading.fit) > MOVED
+        for _ in range(0 if enough and not moves else LINEARISATIONS):
             leader = known.leading.fit
             if leader.name != fit.name:
                 break
             there = self._linear(known.problem, leader, _point_beside(known))
             found = _beside_processes(there, leader, known.fits)
-            if found.absolute < known.absolute + LIKELIER:
+            if found.likelier_than(known) < (-LIKELIER if moves else LIKELIER):
                 elsewhere = explained(found) if found.leading.fit.name == fit.name else None
                 break
-            known, here = found, there
+            known, here, moves = found, there, _moved(leader, found.leading.fit) > MOVED
         every = known if len(few) == len(fits) else _beside_processes(here, fit, fits, known)
         return replace(every, elsewhere=elsewhere)
 
@@ -236,6 +245,25 @@ def searched(
         if found is not None and _under_noise(found.problem, found.point) + cost < before:
             return found
     return first
+
+
+def _moved(point: HypothesisFit, fit: HypothesisFit) -> float:
+    """By how many standard errors a net coefficient is from that of the fit `point`, at most, where it acts."""
+    time, first = fit.frame.coefficient_time, fit.baseline_size
+    inside = {c.time_basis.start for c in fit.selected if time.min() < c.time_basis.start < time.max()}
+    middles = np.array([0.5 * sum(ends) for ends in pairwise(sorted({time.min(), *inside, time.max()}))])
+
+    def net(of: HypothesisFit, term: str) -> FloatArray:
+        """What each of its columns has of a term's coefficient (times, columns)."""
+        return np.array([c.time_basis(middles) * (c.term == term) for c in of.selected]).reshape(-1, middles.size).T
+
+    covariance, farthest = fit.covariance[first:, first:], 0.0
+    for term in dict.fromkeys(column.term for column in fit.selected):
+        off = net(fit, term) @ fit.values[first:] - net(point, term) @ point.values[point.baseline_size :]
+        variance = np.sum((net(fit, term) @ covariance) * net(fit, term), axis=1)
+        acts = np.abs(net(fit, term) @ fit.values[first:]) > _ROUNDING * np.max(np.abs(fit.values[first:]))
+        farthest = max(farthest, *(np.abs(off[acts]) / np.sqrt(variance[acts])).tolist())
+    return farthest
 
 
 def _point_beside(found: Judged) -> LinearisationPoint:
@@ -422,7 +450,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
     on the list has, and the best that turns in the body while the leader, or one nearly as likely, acts, each between
     two times: what leads by little may be another where a record is rounded otherwise. The leader, or one nearly as
-    likely, is such a change where its characteristic terms are not wanted.
+    likely, is such a change where its characteristic terms are not wanted, or its law is not tested.
     """
     problem, leader, null = judged.problem, judged.leading.fit, judged.baseline
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
@@ -446,7 +474,23 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
             turned += acting(problem, like, [turning.at(rate)], [null], np.array(stretch))
     found += [max(turned, key=attrgetter("level"))] if turned else []
     moments = [(_described(pair.fit), pair) for pair in found]
-    return [*filter(None, (_unspecific(pair, pair.fit is leader) for pair in near)), *moments]
+    plain = (_plain_instead(problem, pair) for pair in near)
+    return [*filter(None, (*(_unspecific(pair, pair.fit is leader) for pair in near), *plain)), *moments]
+
+
+def _plain_instead(problem: Problem, pair: Pair) -> Alternative | None:
+    """The plain moment that a hypothesis makes on this record while it acts, where the evidence does not want its own
+    law in place of that; no likelier than itself.
+    """
+    (fit, own), (columns, words) = pair, plain_instead(pair.fit)
+    if not columns:
+        return None
+    like = replace(fit, mechanisms=(PLAIN,), frame=problem.frame.with_mechanisms([PLAIN]))
+    plain = moved(problem, fitted(problem, like, columns, own))
+    if own.level - plain.level > SPECIFIC:
+        return None
+    level = min(own.level, plain.level)
+    return f"{words}, which is not specific to {fit.name}", Pair(plain.fit, replace(plain.evidence, level=level))
 
 
 def _unspecific(pair: Pair, leads: bool) -> Alternative | None:

@@ -36,11 +36,11 @@ _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
-STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
+STAYS = (0.03, 0.01)  # standard errors by which they move no more: of a rival, of the leader
 _NEAR = 10.0  # nats behind the best region, up to which one of another onset is offered too
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
-_GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
+_GAIN, _ROUNDING = 0.3, 1e-3  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 EDGE_ROUNDS = 3  # of ends and delays by turns, at most
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, and the likeliest of them
@@ -52,6 +52,7 @@ UNSURE_STEPS = 4.0  # samples, from which on the standard error of a knot is tha
 FURTHER_SQUARES = 0.01  # of those that all regions make: one with less describes what is not linear of the others
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most: one more than a name may have
 CONSISTENT_ROUNDS = 4  # at most, of values and the static moment that lags follow
+CONSISTENT = 0.1  # standard errors by which values may differ from those that regressors follow
 INCONSISTENT = 20.0  # nats by which the level falls with that static moment: another round
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -363,14 +364,29 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, round
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:
         return Pair(fit, own)
-    pairs: list[Pair] = []
     for _ in range(rounds):
-        fit = _with_values_of(fit, own)
-        pairs.append(Pair(fit, with_amplitudes(rows, rows.terms(fit), own.at)))
-        if pairs[-1].level > own.level - INCONSISTENT:
+        pair = _consistent(rows, fit, own)
+        if pair.level > own.level - INCONSISTENT:
             break
-        own = maximised(rows, rows.terms(fit), own.at, *starts)  # what lags follows another static moment
-    return likelier(pairs)
+        fit, own = pair.fit, maximised(rows, rows.terms(pair.fit), own.at, *starts)
+    return pair
+
+
+def _consistent(rows: Rows, fit: HypothesisFit, own: Evidence) -> Pair:
+    """A fit at the amplitudes of an evidence, where the static moment that lags follow is that of its coefficients."""
+    for _ in range(CONSISTENT_ROUNDS):
+        fit = _with_values_of(fit, own)
+        own = with_amplitudes(rows, rows.terms(fit), own.at)
+        if not fit.following or _is_consistent(Pair(fit, own)):
+            break
+    return Pair(fit, own)
+
+
+def _is_consistent(pair: Pair) -> bool:
+    """Whether coefficients that regressors follow are those of the evidence, but for a part of their errors."""
+    (fit, own), count = pair, len(pair.fit.columns)
+    first, sigmas = fit.baseline_size, np.sqrt(np.diag(own.covariance))
+    return bool(np.all(np.abs(own.values[first:count] - fit.values[first:]) <= CONSISTENT * sigmas[first:count]))
 
 
 def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:
@@ -432,9 +448,7 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
 
 def _at_amplitudes_of(problem: Problem, pair: Pair, columns: Sequence[Regressor]) -> Pair:
     """The hypothesis of a pair with other columns at the amplitudes of the pair."""
-    own = pair.evidence
-    there = _with_values_of(_with_columns(problem, pair.fit, columns), own)
-    return Pair(there, with_amplitudes(own.rows, own.rows.terms(there), own.at))
+    return _consistent(pair.evidence.rows, _with_columns(problem, pair.fit, columns), pair.evidence)
 
 
 def _level_fixed(pair: Pair) -> float:

@@ -9,8 +9,9 @@ time, is tried in a mechanism's place (`unmodelled_moments`), as one that turns 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -268,23 +269,55 @@ _PLAIN = {
     "stiffness": "one in proportion to alpha, in plane",
     "side moment": "one in proportion to alpha, across",
 }
+PLAIN = UnmodelledMoment(shapes=("constant", "stiffness", "side moment"))
 
 
-def untested_laws(fit: HypothesisFit) -> list[str]:
-    """Coefficients of a hypothesis that, while they act, make a plain moment of another law but for less than the share
-    `OUTSIDE` of its rms, in sentences: what is in proportion to a roll rate that hardly varies.
+class Untested(NamedTuple):
+    """A coefficient that, while it acts, makes a plain moment of another law, but for so much of its rms (`rest`)."""
+
+    mechanism: str
+    term: str
+    like: str
+    rest: float
+
+    @property
+    def words(self) -> str:
+        """The plain moment."""
+        return _PLAIN[self.like]
+
+    @property
+    def sentence(self) -> str:
+        """What that means for the name."""
+        but = f"but for {percent(self.rest)} % of its rms: its own law is not tested on this record"
+        return f"While it acts, the moment of {self.term} ({self.mechanism}) is {self.words}, {but}."
+
+
+def untested_laws(fit: HypothesisFit) -> list[Untested]:
+    """Coefficients of a hypothesis whose law this record does not test, as the rest is less than the share `OUTSIDE`:
+    what is in proportion to a roll rate that hardly varies.
     """
-    plain = UnmodelledMoment(shapes=("constant", "stiffness", "side moment"))
-    frame, found = fit.frame.with_mechanisms([*fit.mechanisms, plain]), []
-    every = frame.moments([Regressor(plain.name, name) for name in _PLAIN])
+    frame, found = fit.frame.with_mechanisms([*fit.mechanisms, PLAIN]), []
+    every = frame.moments([Regressor(PLAIN.name, name) for name in _PLAIN])
     made = frame.moments(fit.selected) * fit.values[fit.baseline_size :]
     for mechanism, term in dict.fromkeys((c.mechanism, c.term) for c in fit.selected if not c.theta):
         own = made[:, [(c.mechanism, c.term) == (mechanism, term) for c in fit.selected]].sum(axis=1)
         acts = np.abs(own) > _SAME * np.max(np.abs(own))
         along = np.real(np.conj(every[acts].T) @ own[acts]) / np.linalg.norm(every[acts], axis=0)
         unlike = np.sqrt(np.maximum(1.0 - (along / np.linalg.norm(own)) ** 2, 0.0))
-        words, least = list(_PLAIN.values())[int(np.argmin(unlike))], float(np.min(unlike))
+        like, least = list(_PLAIN)[int(np.argmin(unlike))], float(np.min(unlike))
         if _SAME < least < OUTSIDE:
-            but = f"but for {percent(least)} % of its rms: its own law is not tested on this record"
-            found.append(f"While it acts, the moment of {term} ({mechanism}) is {words}, {but}.")
+            found.append(Untested(mechanism, term, like, least))
     return found
+
+
+def plain_instead(fit: HypothesisFit) -> tuple[tuple[Regressor, ...], str]:
+    """The plain moments that a hypothesis makes while it acts, in place of its columns, and in words; empty where the
+    record tests the law of one.
+    """
+    untested = {(each.mechanism, each.term): each for each in untested_laws(fit)}
+    known = [untested.get((c.mechanism, c.term)) for c in fit.selected]
+    columns = tuple(
+        replace(c, mechanism=PLAIN.name, term=each.like) for c, each in zip(fit.selected, known, strict=True) if each
+    )
+    words = " and ".join(dict.fromkeys(each.words for each in known if each))
+    return (columns, words) if len(columns) == len(fit.selected) else ((), "")
