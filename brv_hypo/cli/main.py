@@ -44,7 +44,7 @@ RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json wr
 @mechanisms_app.callback()
 @in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
-    """List what is installed; write or check a plugin."""
+    """Without a command: list what is installed. Commands write or check a plugin."""
     if context.invoked_subcommand is not None:
         return
     session.claim()

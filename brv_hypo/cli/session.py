@@ -250,7 +250,7 @@ complete_installed = _completion("mechanisms.registry", "installed")
 FlightFile = Annotated[Path, Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[list[Path], Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")]
 Output = Annotated[Path, Option("-o", "--output", metavar="FILE", help="File to write.")]
-Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
+Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of all random draws (simulate, demo: 1).")]
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, Regressed, likeliest
 from brv_hypo.inference.held_out import held_out
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.unmodelled import untested_laws
 from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
@@ -165,8 +164,6 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, hypotheses: Hypot
     if np.isfinite(beside.of_static):
         slopes = zip(flights, known["functions"]["C_malpha"], strict=True)
         warnings = (*warnings, *dict.fromkeys(each for own in slopes for each in diagnostics.caveats_of(*own)))
-    if verdict.winner or verdict.described:
-        warnings = (*warnings, *(each.sentence for each in untested_laws(leading)))
     known["best_by_size"] = diagnostics.best_by_size(problem, fits, criteria[beside.null])
     events = (
         *diagnostics.events_unreached(comparison),

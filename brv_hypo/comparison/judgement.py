@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -250,8 +249,8 @@ def searched(
 def _moved(point: HypothesisFit, fit: HypothesisFit) -> float:
     """By how many standard errors a net coefficient is from that of the fit `point`, at most, where it acts."""
     time, first = fit.frame.coefficient_time, fit.baseline_size
-    inside = {c.time_basis.start for c in fit.selected if time.min() < c.time_basis.start < time.max()}
-    middles = np.array([0.5 * sum(ends) for ends in pairwise(sorted({time.min(), *inside, time.max()}))])
+    ends = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
+    middles = 0.5 * (ends[1:] + ends[:-1])
 
     def net(of: HypothesisFit, term: str) -> FloatArray:
         """What each of its columns has of a term's coefficient (times, columns)."""

@@ -275,11 +275,11 @@ class ProcessEstimate(NullIsNaN):
 
     @property
     def is_far(self) -> bool:
-        """Whether it is far beyond an ordinary size; a moment that it makes significant besides, and noticeable. Errors
-        of instruments are so only where the data want it, though an unknown constant of each is in `std_error`.
+        """Whether it is far beyond an ordinary size, and above its sigma; a moment that it makes significant, and
+        noticeable. Of errors of instruments an unknown constant is in `std_error`.
         """
-        beyond, sure = self.size > FAR_PROCESS * self.tolerance, self.size > NORMAL_95 * self.std_error
-        return beyond and (not self.is_of_moment or (sure and self.is_shown))
+        beyond, sigmas = self.size > FAR_PROCESS * self.tolerance, NORMAL_95 if self.is_of_moment else 1.0
+        return beyond and self.size > sigmas * self.std_error and (not self.is_of_moment or self.is_shown)
 
 
 class MechanismLimit(NullIsNaN):

@@ -374,19 +374,14 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, round
 
 def _consistent(rows: Rows, fit: HypothesisFit, own: Evidence) -> Pair:
     """A fit at the amplitudes of an evidence, where the static moment that lags follow is that of its coefficients."""
-    for _ in range(CONSISTENT_ROUNDS):
+    first, count = fit.baseline_size, fit.values.size
+    for _ in range(CONSISTENT_ROUNDS if fit.following else 1):
         fit = _with_values_of(fit, own)
         own = with_amplitudes(rows, rows.terms(fit), own.at)
-        if not fit.following or _is_consistent(Pair(fit, own)):
+        off = np.abs(own.values[first:count] - fit.values[first:])
+        if np.all(off <= CONSISTENT * np.sqrt(np.diag(own.covariance)[first:count])):
             break
     return Pair(fit, own)
-
-
-def _is_consistent(pair: Pair) -> bool:
-    """Whether coefficients that regressors follow are those of the evidence, but for a part of their errors."""
-    (fit, own), count = pair, len(pair.fit.columns)
-    first, sigmas = fit.baseline_size, np.sqrt(np.diag(own.covariance))
-    return bool(np.all(np.abs(own.values[first:count] - fit.values[first:]) <= CONSISTENT * sigmas[first:count]))
 
 
 def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:

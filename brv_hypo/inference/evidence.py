@@ -19,22 +19,9 @@ from scipy.linalg import cho_solve, helmert
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.inference import marginal
 from brv_hypo.inference.fit import HypothesisFit, LeftOut
-from brv_hypo.inference.marginal import (
-    Integrated,
-    amplitudes,
-    cost_of,
-    curvature_of,
-    eliminated,
-    factored,
-    factors_of,
-    lower_factor,
-    reduced,
-    scale_of,
-    slope_of,
-    solution_of,
-    spreads,
-)
+from brv_hypo.inference.marginal import Integrated
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
@@ -88,7 +75,7 @@ class Evidence(Integrated):
         """What all processes make of the rows (n,), at their mode."""
         out = np.zeros(self.rows.y.size)
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
-            out[block.rows] = block.z @ (scale_of(self.rows, block, self.at) * own.mode)
+            out[block.rows] = block.z @ (marginal.scale_of(self.rows, block, self.at) * own.mode)
         return out
 
     @cached_property
@@ -162,7 +149,7 @@ class Evidence(Integrated):
         out = np.zeros(len(self.rows.problem.rows.nuisances.items))
         fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
-            by_process = (block.estimates @ block.errors_in_z.T) * scale_of(self.rows, block, self.at)
+            by_process = (block.estimates @ block.errors_in_z.T) * marginal.scale_of(self.rows, block, self.at)
             by_fixed = block.estimates @ (block.errors.T @ fixed[block.rows]) - by_process @ own.follows
             inverse = own.inverse + np.tril(own.inverse, -1).T
             variance = 1.0 - np.sum(block.estimates**2, axis=1)
@@ -178,13 +165,13 @@ class Evidence(Integrated):
         """
         shared = np.append(self.rows.spread**-2.0, np.zeros(self.terms.spread.size))
         inner = self.products.across + np.diag(shared)
-        factor = lower_factor(inner, float(np.max(np.diag(inner))))
+        factor = marginal.lower_factor(inner, float(np.max(np.diag(inner))))
         fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
         made, variances = self._values_of_border, np.zeros(len(self.rows.problem.rows.nuisances.items))
         covariance = np.zeros((made.shape[0],) * 2)
         for number, known in self.products.flights.items():
             block = self.rows.blocks[number]
-            scale = scale_of(self.rows, block, self.at)
+            scale = marginal.scale_of(self.rows, block, self.at)
             moved = cho_solve((factor, True), known.with_border.T * scale, check_finite=False)  # by each coefficient
             covariance += (made @ moved) @ (made @ moved).T
             followed = block.errors_in_z.T * scale - block.errors.T @ fixed[block.rows] @ moved
@@ -196,14 +183,14 @@ class Evidence(Integrated):
         """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
         first = self.rows.shared.shape[1]
         own = slice(first, first + self.terms.known)
-        covariance, spread = self.solution.covariance[own, own], spreads(self.rows, self.terms, self.at)[own]
+        covariance, spread = self.solution.covariance[own, own], marginal.spreads(self.rows, self.terms, self.at)[own]
         return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
 
     def level_without(self, chosen: Sequence[int]) -> float:
         """Log evidence without some of X, at the same amplitudes (Savage, Dickey: Verdinelli and Wasserman 1995)."""
         places = self.rows.shared.shape[1] + np.array(chosen)
         covariance = self.solution.covariance[np.ix_(places, places)]
-        at_mode, spread = self.solution.border[places], spreads(self.rows, self.terms, self.at)[places]
+        at_mode, spread = self.solution.border[places], marginal.spreads(self.rows, self.terms, self.at)[places]
         _, level = np.linalg.slogdet(covariance / np.outer(spread, spread))
         squares = float(at_mode @ np.linalg.solve(covariance, at_mode)) / self.noise**2
         return self.level - 0.5 * (squares + float(level))
@@ -227,7 +214,7 @@ class Evidence(Integrated):
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
-        out, amplitude = np.zeros(self.rows.y.size), amplitudes(self.rows, self.at)[process]
+        out, amplitude = np.zeros(self.rows.y.size), marginal.amplitudes(self.rows, self.at)[process]
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
             columns = block.columns[process]
             out[block.rows] = block.raw[:, columns] @ (amplitude * own.mode[columns])
@@ -235,7 +222,7 @@ class Evidence(Integrated):
 
     def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
         """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
-        unit = amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
+        unit = marginal.amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
         each = [(own, b.columns[process]) for b, own in zip(self.rows.blocks, self.processes, strict=True)]
         modes = np.concatenate([own.mode[columns] for own, columns in each])
         variances = np.concatenate([own.variances[columns] for own, columns in each])
@@ -259,7 +246,7 @@ class Evidence(Integrated):
         shared[:, first : first + self.terms.known] = values[:, known:] @ made[known:, first : first + self.terms.known]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
-            own[:, block.columns[k]] = amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
+            own[:, block.columns[k]] = marginal.amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
         follows, inverse = of_flight.follows, of_flight.inverse + np.tril(of_flight.inverse, -1).T
         both = shared - own @ follows
         variance = np.sum((both @ found.covariance) * both, axis=1)
@@ -279,7 +266,7 @@ class Evidence(Integrated):
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
         costs = [cost for cost, _, _ in self._without_stretches]
-        return np.array(costs) - cost_of(self.products, self.rows, self.solution, self.at)
+        return np.array(costs) - marginal.cost_of(self.products, self.rows, self.solution, self.at)
 
     def left_out(self, weight: float) -> LeftOut:
         """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
@@ -295,10 +282,10 @@ class Evidence(Integrated):
         without = []
         for stretch in self.rows.stretch_products:
             rest = self.products.less(stretch.beside(self.rows, self.terms.x))
-            parts = {**known, **eliminated(rest, factored(rest, self.rows, self.at))}
-            found = solution_of(rest, parts, self.rows, self.terms, self.at)
+            parts = {**known, **marginal.eliminated(rest, marginal.factored(rest, self.rows, self.at))}
+            found = marginal.solution_of(rest, parts, self.rows, self.terms, self.at)
             covariance = self.noise**2 * made @ found.covariance @ made.T
-            without.append((cost_of(rest, self.rows, found, self.at), made @ found.border, covariance))
+            without.append((marginal.cost_of(rest, self.rows, found, self.at), made @ found.border, covariance))
         return without
 
     def with_moments(self, rates: FloatArray) -> Products:
@@ -307,8 +294,9 @@ class Evidence(Integrated):
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of what is beside the terms, P the inverse covariance with all else integrated out."""
-        inner, right = reduced(products, eliminated(products, factors_of(self.rows, self.at)))
-        spread = spreads(self.rows, self.terms, self.at)
+        factors = marginal.factors_of(self.rows, self.at)
+        inner, right = marginal.reduced(products, marginal.eliminated(products, factors))
+        spread = marginal.spreads(self.rows, self.terms, self.at)
         first = spread.size
         inner[:first, :first] += np.diag(spread**-2.0)
         known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
@@ -369,17 +357,17 @@ class _Surface:
         """Minus log p, but for a constant."""
         centre, width = self.prior
         off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((_beyond(at) / _WALL) ** 2))
-        return cost_of(self.products, self.rows, self.found(at).solution, at) + off
+        return marginal.cost_of(self.products, self.rows, self.found(at).solution, at) + off
 
     def slope(self, at: FloatArray) -> FloatArray:
         """First derivatives."""
         centre, width = self.prior
-        return np.asarray(slope_of(self.found(at)) + (at - centre) / width**2 + _beyond(at) / _WALL**2)
+        return np.asarray(marginal.slope_of(self.found(at)) + (at - centre) / width**2 + _beyond(at) / _WALL**2)
 
     def curvature(self, at: FloatArray) -> FloatArray:
         """Second derivatives."""
         prior = self.prior[1] ** -2.0 + (_beyond(at) > 0.0) / _WALL**2
-        return np.asarray(curvature_of(self.found(at)) + np.diag(prior))
+        return np.asarray(marginal.curvature_of(self.found(at)) + np.diag(prior))
 
 
 def _beyond(at: FloatArray) -> FloatArray:

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
-from brv_hypo.io.text import percent
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
@@ -272,52 +271,21 @@ _PLAIN = {
 PLAIN = UnmodelledMoment(shapes=("constant", "stiffness", "side moment"))
 
 
-class Untested(NamedTuple):
-    """A coefficient that, while it acts, makes a plain moment of another law, but for so much of its rms (`rest`)."""
-
-    mechanism: str
-    term: str
-    like: str
-    rest: float
-
-    @property
-    def words(self) -> str:
-        """The plain moment."""
-        return _PLAIN[self.like]
-
-    @property
-    def sentence(self) -> str:
-        """What that means for the name."""
-        but = f"but for {percent(self.rest)} % of its rms: its own law is not tested on this record"
-        return f"While it acts, the moment of {self.term} ({self.mechanism}) is {self.words}, {but}."
-
-
-def untested_laws(fit: HypothesisFit) -> list[Untested]:
-    """Coefficients of a hypothesis whose law this record does not test, as the rest is less than the share `OUTSIDE`:
-    what is in proportion to a roll rate that hardly varies.
+def plain_instead(fit: HypothesisFit) -> tuple[tuple[Regressor, ...], str]:
+    """The plain moments that a hypothesis makes while it acts, but for less than the share `OUTSIDE` of their rms, in
+    place of its columns, and in words; empty where the record tests the law of one. What is in proportion to a roll
+    rate that hardly varies is such a moment.
     """
-    frame, found = fit.frame.with_mechanisms([*fit.mechanisms, PLAIN]), []
+    frame, like = fit.frame.with_mechanisms([*fit.mechanisms, PLAIN]), dict[tuple[str, str], str]()
     every = frame.moments([Regressor(PLAIN.name, name) for name in _PLAIN])
     made = frame.moments(fit.selected) * fit.values[fit.baseline_size :]
-    for mechanism, term in dict.fromkeys((c.mechanism, c.term) for c in fit.selected if not c.theta):
-        own = made[:, [(c.mechanism, c.term) == (mechanism, term) for c in fit.selected]].sum(axis=1)
+    for key in dict.fromkeys((c.mechanism, c.term) for c in fit.selected):
+        own = made[:, [(c.mechanism, c.term) == key for c in fit.selected]].sum(axis=1)
         acts = np.abs(own) > _SAME * np.max(np.abs(own))
         along = np.real(np.conj(every[acts].T) @ own[acts]) / np.linalg.norm(every[acts], axis=0)
         unlike = np.sqrt(np.maximum(1.0 - (along / np.linalg.norm(own)) ** 2, 0.0))
-        like, least = list(_PLAIN)[int(np.argmin(unlike))], float(np.min(unlike))
-        if _SAME < least < OUTSIDE:
-            found.append(Untested(mechanism, term, like, least))
-    return found
-
-
-def plain_instead(fit: HypothesisFit) -> tuple[tuple[Regressor, ...], str]:
-    """The plain moments that a hypothesis makes while it acts, in place of its columns, and in words; empty where the
-    record tests the law of one.
-    """
-    untested = {(each.mechanism, each.term): each for each in untested_laws(fit)}
-    known = [untested.get((c.mechanism, c.term)) for c in fit.selected]
-    columns = tuple(
-        replace(c, mechanism=PLAIN.name, term=each.like) for c, each in zip(fit.selected, known, strict=True) if each
-    )
-    words = " and ".join(dict.fromkeys(each.words for each in known if each))
-    return (columns, words) if len(columns) == len(fit.selected) else ((), "")
+        if any(c.theta for c in fit.selected) or not _SAME < np.min(unlike) < OUTSIDE:
+            return (), ""
+        like[key] = list(_PLAIN)[int(np.argmin(unlike))]
+    columns = tuple(replace(c, mechanism=PLAIN.name, term=like[c.mechanism, c.term]) for c in fit.selected)
+    return columns, " and ".join(dict.fromkeys(_PLAIN[each.term] for each in columns))

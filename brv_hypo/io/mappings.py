@@ -110,6 +110,11 @@ def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
     if not isinstance(node, yaml.ScalarNode):
         pairs = isinstance(node, yaml.MappingNode)
         parts = [part for pair in node.value for part in pair] if pairs else node.value
+        keys = set[str]()
+        for key in (pair[0] for pair in node.value if pairs and isinstance(pair[0], yaml.ScalarNode)):
+            if key.value in keys and key.value != "<<":
+                raise _fault(f"'{key.value}' is there twice, of which one would be ignored", key)
+            keys.add(key.value)
         above.add(id(node))
         total += sum(_expanded(part, known, above) for part in parts)
         above.discard(id(node))

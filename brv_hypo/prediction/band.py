@@ -33,11 +33,14 @@ _MOST_SHOWN = 2000  # samples of the interval that are reported: a picture has n
 
 def band_of(model: FrozenModel, measured: ResidualMoments) -> PredictionBand:
     """The band and the share of samples in it where the model is known."""
-    data, left, mach = model.fit.data, model.within.left, model.fit.data.frame.motions[0].mach
-    error = model.content.error
-    samples = data.frame.samples(0)
-    beyond = np.zeros(samples.size) if error is None else error.at(mach[samples])
-    sigma = _predictive_sigma(model, _noise_sigma(model, measured), beyond)
+    data, left, error = model.fit.data, model.within.left, model.content.error
+    motion, samples = data.frame.motions[0], data.frame.samples(0)
+    beyond = np.zeros(samples.size) if error is None else error.at(motion.mach[samples])
+    slopes = per_coefficient(data.frame, model.fit.model.columns, 0, motion, motion.alpha, slope) @ model.within.values
+    stiffness, nuisances = slopes * data.records[0].moment_scale, model.fit.problem.rows.nuisances
+    modes = nuisances.flights[0].walks.size // 2
+    noise = measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes))
+    sigma = _predictive_sigma(model, noise, beyond)
     kept, counted = np.flatnonzero(left.usable), left.usable & model.flown
     inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]
@@ -50,15 +53,6 @@ def band_of(model: FrozenModel, measured: ResidualMoments) -> PredictionBand:
         predicted=pair((measured.body - left.body)[shown]),
         half_width=pair(BAND_SIGMAS * sigma[shown]),
     )
-
-
-def _noise_sigma(model: FrozenModel, measured: ResidualMoments) -> FloatArray:
-    """Standard deviation of the residual moments' noise (rows,)."""
-    data, fit, within = model.fit.data, model.fit, model.within
-    motion, samples = data.frame.motions[0], data.frame.samples(0)
-    slopes = per_coefficient(data.frame, model.columns, 0, motion, motion.alpha, slope) @ within.values
-    stiffness, modes = slopes * data.records[0].moment_scale, fit.problem.rows.nuisances.flights[0].walks.size // 2
-    return np.asarray(measured.noise * np.sqrt(noise_share(data.records[0], stiffness[samples], modes)))
 
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
@@ -81,9 +75,9 @@ def _predictive_sigma(model: FrozenModel, noise_sigma: FloatArray, beyond: Float
     """
     fit, moved = model.within, model.moved_by_times
     # What processes make of the model's errors is in what it left on blocks held out.
-    covariance = fit.covariance[: len(model.columns), : len(model.columns)].copy()
+    covariance = fit.covariance[: len(model.fit.model.columns), : len(model.fit.model.columns)].copy()
     covariance[np.ix_(model.known, model.known)] = model.covariances[1]
-    remain = np.flatnonzero(np.isfinite(fit.known[: len(model.columns)]))
+    remain = np.flatnonzero(np.isfinite(fit.known[: len(model.fit.model.columns)]))
     covariance = covariance[np.ix_(remain, remain)]
     problem, frame, (design, _, free) = fit.problem, fit.data.frame, fit.all_unknowns
     scale = lengths(design[:, free])

@@ -71,21 +71,17 @@ class Tested(NamedTuple):
     change: LocalChange | None  # between two times
     misfit: float  # rms residual over the noise, with what differs fitted
     far: tuple[str, ...]  # processes far beyond their ordinary size, in words
-
-    @property
-    def refused(self) -> bool:
-        """Whether it contradicts the model."""
-        return self.change is not None or any(each.p_value < REFUSED for each in self.differences)
+    refused: bool  # whether it contradicts the model
 
 
 def tested_against(model: FrozenModel, terms: Sequence[TermEstimate]) -> Tested:
     """What a flight says of a frozen model, whose `terms` are those of all columns."""
-    fixed, known, columns = model.fixed, model.known, model.columns
-    stated, bare = model.covariances
+    fixed, known, columns = model.fixed, model.known, model.fit.model.columns
+    stated, bare, of_scale = model.covariances
 
     def differ(own: Evidence) -> FloatArray:
         """What fixed coefficients may differ by on two flights that both have processes, or have none."""
-        return (stated if own.rows.groups else bare) + model.of_scale
+        return (stated if own.rows.groups else bare) + of_scale
 
     about = model.fit
     for again in (False, True):  # about this flight's own, where one that is far off moves the vehicle elsewhere
@@ -118,7 +114,7 @@ def tested_against(model: FrozenModel, terms: Sequence[TermEstimate]) -> Tested:
         # Nothing changes between two times where nothing does beside the coefficients that differ throughout.
         same = [k for k, j in enumerate(known) if (terms[j].mechanism, terms[j].name) not in differing]
         change = change if changed(same)[0] is not None else None
-    return Tested(differences, change, misfit, far)
+    return Tested(differences, change, misfit, far, change is not None or differs)
 
 
 def _misfit(own: Evidence, gain: float = 0.0) -> float:

@@ -27,7 +27,6 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, restored
-from brv_hypo.model.term import Regressor
 from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import TRACED_SMALLEST, TraceConfig
@@ -51,11 +50,6 @@ class FrozenModel:
     own_spans: _Spans  # from when to when, s, another record has its samples
 
     @property
-    def columns(self) -> tuple[Regressor, ...]:
-        """Of the model."""
-        return self.fit.model.columns
-
-    @property
     def fixed(self) -> FloatArray:
         """Frozen coefficients (columns,), NaN where they are fitted here."""
         return self.fit.known[: self.places.size]
@@ -66,32 +60,23 @@ class FrozenModel:
         return np.flatnonzero(np.isfinite(self.fixed))
 
     @cached_property
-    def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Of the frozen coefficients where they were found, and that without processes."""
-        places = self.places[self.known]
+    def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of the frozen coefficients where they were found, that without processes, and what errors of pressure and
+        inertia of both flights add.
+        """
+        places, values = self.places[self.known], self.fixed[self.known]
         stated, bare = (each[np.ix_(places, places)] for each in self.content.known_covariance)
-        return stated, bare
-
-    @cached_property
-    def of_scale(self) -> FloatArray:
-        """The covariance that errors of pressure and inertia of both flights add to that of frozen coefficients."""
-        values = self.fixed[self.known]
-        return 2.0 * scale_variance(self.fit.problem) * np.outer(values, values)
-
-    @property
-    def tolerated(self) -> tuple[str, ...]:
-        """What record and vehicle may err by within their tolerances."""
-        return _tolerated(self.fit.data.flights[0])
+        return stated, bare, 2.0 * scale_variance(self.fit.problem) * np.outer(values, values)
 
     @cached_property
     def within(self) -> Fit:
         """The same with record and vehicle free to err within their tolerances."""
-        return _freed(self.fit, self.tolerated)
+        return _freed(self.fit, tolerated(self.fit.data.flights[0]))
 
     @cached_property
     def own(self) -> Fit:
         """The same model with all of its coefficients fitted here too."""
-        return _freed(self.within, tuple(column.mechanism for column in self.columns))
+        return _freed(self.within, tuple(column.mechanism for column in self.fit.model.columns))
 
     @cached_property
     def flown(self) -> BoolArray:
@@ -105,16 +90,17 @@ class FrozenModel:
         saved = [self.content.columns[self.places[each.columns[0]]].time_errors for each in fit.nonlinear]
         known = [errors.get(each.name, 0.0) for errors, each in zip(saved, fit.nonlinear, strict=True)]
         sigmas = np.hypot(known, [step * (each.kind == "knot") for each in fit.nonlinear])
-        return np.asarray(prediction_slopes(fit.nonlinear, self.columns, fit.values, fit.data.frame) * sigmas)
+        return np.asarray(prediction_slopes(fit.nonlinear, self.fit.model.columns, fit.values, fit.data.frame) * sigmas)
 
     @property
     def agreed(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,) where frozen coefficients may differ by what they are known
         to: exact ones err at the expense of the record, whose errors were 15 tolerances beside a coefficient 0.8 % off.
         """
-        known, covariance = self.known, self.covariances[1] + self.of_scale
-        design, values, free = _freed(self.fit, tuple(column.mechanism for column in self.columns)).all_unknowns
-        variances, directions = np.linalg.eigh(covariance)
+        known, (_, bare, of_scale) = self.known, self.covariances
+        mechanisms = tuple(column.mechanism for column in self.fit.model.columns)
+        design, values, free = _freed(self.fit, mechanisms).all_unknowns
+        variances, directions = np.linalg.eigh(bare + of_scale)
         inverse = (directions / np.sqrt(np.maximum(variances, CUTOFF * variances.max(initial=0.0)))).T
         prior = np.zeros((known.size, design.shape[1]))
         prior[:, known] = inverse
@@ -136,7 +122,11 @@ def frozen_on(flight: Flight, content: SavedModel, refit: tuple[str, ...], confi
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
     refit = tuple(_in_model(model, name) for name in refit)
     to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
-    _require_times(flight, content, to_refit, refit)
+    changes = [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"]
+    ends = flight.time[[0, -1]].tolist()
+    if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
+        where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
+        raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
     if not here:  # without what belongs to the times and to the instruments of its own flights
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())
@@ -186,15 +176,6 @@ def frozen_on(flight: Flight, content: SavedModel, refit: tuple[str, ...], confi
     return min(about, key=lambda each: each[0])[1]
 
 
-def _require_times(flight: Flight, content: SavedModel, to_refit: set[Regressor], refit: Sequence[str]) -> None:
-    """UsageError where what is fitted here changes at times of the model's flight alone."""
-    changes = [c.time_basis.start for c in to_refit if c.time_basis.kind != "constant"]
-    ends = flight.time[[0, -1]].tolist()
-    if changes and len(content.times) == 1 and not any(ends[0] < each < ends[1] for each in changes):
-        where = f"--refit {','.join(refit)}: its times are the model's, and none is within the record, {times(*ends)}"
-        raise UsageError(f"{where}: it cannot be estimated. Leave it out, or give the record the model's clock.")
-
-
 def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
     """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
     own = [*(column.mechanism for column in fit.model.columns), *(item.name for item in fit.nuisances)]
@@ -237,7 +218,7 @@ def _own_spans(content: SavedModel, flight: Flight) -> _Spans:
     return [span for span in inside if digest(flight.window(*span)) in content.digests]
 
 
-def _tolerated(flight: Flight) -> tuple[str, ...]:
+def tolerated(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
 
@@ -262,5 +243,5 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
         elif item is not None:
             effects.append(name)
         elif name == INSTRUMENTS:
-            effects += _tolerated(source.records[0])
+            effects += tolerated(source.records[0])
     return model, tuple(effects)

@@ -28,7 +28,7 @@ from brv_hypo.motion import try_record
 from brv_hypo.prediction import result
 from brv_hypo.prediction.band import band_of
 from brv_hypo.prediction.changes import tested_against
-from brv_hypo.prediction.frozen import INSTRUMENTS, frozen_on
+from brv_hypo.prediction.frozen import INSTRUMENTS, frozen_on, tolerated
 from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
@@ -101,9 +101,9 @@ def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
     frozen = frozen_on(flight, content, refit, config)
-    fit, data, columns, known = frozen.fit, frozen.fit.data, frozen.columns, frozen.known
+    fit, data, columns, known = frozen.fit, frozen.fit.data, frozen.fit.model.columns, frozen.known
     # What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already.
-    more = [name for name in frozen.tolerated if name in {c.mechanism for c in columns} and name not in refit]
+    more = [name for name in tolerated(flight) if name in {c.mechanism for c in columns} and name not in refit]
     more += [] if INSTRUMENTS in refit else [INSTRUMENTS]
     measured, within, own = data.moments(data.frame.observed), frozen.within.left, frozen.own.left
     left = fit.left if more else within

@@ -226,7 +226,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         said += f"{_differs(found).lstrip() if found.is_contradicted else _AGREES} "
     said += f"{found.leaves[0].upper()}{found.leaves[1:]}. "
     said += f"On the {percent_of(found.flown)} of the samples where the model is known, the" if partly else "The"
-    fitted = " with what was refitted" if found.refitted else ", record errors zero,"
+    fitted = " with what was refitted" if found.refitted or not remedy else ", record errors zero,"
     said += (
         f" frozen model{found.without}{fitted} {_explains(found.explained)} the mean square of the measured moments, "
         "noise aside (static moment and damping alone may make most of it); the same model fitted to this "

@@ -17,6 +17,7 @@ from brv_hypo.io.text import NOT_A_NUMBER, estimated, f_ratio, hypothesis, inter
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
+from brv_hypo.thresholds import CREDIBLE_PROBABILITY
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
@@ -78,7 +79,8 @@ def ranking_table(comparison: result.Comparison) -> Table:
     if result.OTHER in verdict.probability:
         nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
         rows.append(nothing | {"mechanism": result.OTHER, "prob.": text.probability(verdict.probability[result.OTHER])})
-    credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
+    probable = {name for name, chance in verdict.probability.items() if chance >= CREDIBLE_PROBABILITY}
+    credible = [k for k, row in enumerate(comparison.ranking) if row.mechanism in probable & {*verdict.equivalent}]
     heading = "Hypotheses, by evidence (bold, •: credible; F-ratio, C_p: no processes)"
     return Table(rows, heading, words=("mechanism",), marked=credible)
 
@@ -277,7 +279,7 @@ def error_table(errors: Sequence[result.RecordError], slopes: Sequence[Derivativ
         row = {"error": name, "value": known_to(each.value, each.std_error), "sigma": number(each.std_error, 2)}
         row |= {"unit": each.units, "tolerances": f"{each.tolerances:.2f}"}
         known = known_to(angle * each.value, angle * each.std_error) if np.isfinite(angle) else NOT_A_NUMBER
-        rows.append(row | {"by the data alone": number(each.without_tolerance), "in deg": known})
+        rows.append(row | {"by the data alone": number(each.without_tolerance), "as angle, deg": known})
     beyond = range(len(result.beyond_tolerances(errors)))
     return Table(rows, ERRORS, ("error", "unit"), beyond, shown="verbose")
 

@@ -154,7 +154,7 @@ def trace_document(result: Trace) -> Document:
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
     own = [term for term in result.model.terms if term.mechanism in result.findings]
-    heading = "What was found, beside all that was added; sigma includes processes (quote the values of compare)"
+    heading = "What was found, beside all that was added; sigma includes processes (quote compare --mechanisms NAME)"
     groups = [group for group in result.collinear_groups if any(term.begins in group for term in own)]
     estimates = term_table(heading, own, "always", most=tables.ROWS_AT_FIRST, collinear=groups)
     limits = (*result.caveats, *(() if known is None else known.warnings))
@@ -249,7 +249,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
             "F-ratio": number(row.f_ratio),
             "adj. p-value": p_value(row.p_value_adjusted),
             "explains": share(row.explains),
-            "confounded with": ", ".join(row.near_equals),
+            "confounded with": ", ".join(row.near_equals) or "none",
         }
         for row in ordered
     ]
@@ -268,7 +268,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
-    columns, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence beside processes decides"
+    columns, by = (("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence decides (•: added)")
     later = done or step.step > 1  # a screen of a terminal has room for one table
     return [
         Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),

@@ -73,7 +73,10 @@ class Flights:
         if corrections or (number, repr(own)) not in self._known:
             settings, read = ReconstructionConfig(method=self.config.method), without(self.records[number], corrections)
             read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
-            point = linearisation_point(reconstruct(read, settings), settings)
+            found = reconstruct(read, settings)
+            if corrections or own:  # warnings are of the record as it reads
+                found = replace(found, warnings=self.read(number, Model(), {})[1].warnings)
+            point = linearisation_point(found, settings)
             if corrections:  # not read again
                 return point
             self._known[number, repr(own)] = point

@@ -30,6 +30,7 @@ MERGES = "a: &a {x: 1}\n" + "".join(
         (LAUGHS, "stand for more than"),
         (MERGES, "stand for more than"),
         ("a: &a [*a]", "an alias of what it stands in"),
+        ("a: 1\nb: 2\na: 3", "line 3, column 1: 'a' is there twice"),
         ("a: " + "[" * 60 + "]" * 60, "levels of nesting"),
         ("a: " + "[" * 20_000, "levels of nesting"),
         (f"a: {'9' * 6000}", "a value that cannot be read"),
