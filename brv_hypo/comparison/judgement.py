@@ -261,7 +261,7 @@ def _moved(point: HypothesisFit, fit: HypothesisFit) -> float:
         off = net(fit, term) @ fit.values[first:] - net(point, term) @ point.values[point.baseline_size :]
         variance = np.sum((net(fit, term) @ covariance) * net(fit, term), axis=1)
         acts = np.abs(net(fit, term) @ fit.values[first:]) > _ROUNDING * np.max(np.abs(fit.values[first:]))
-        farthest = max(farthest, *(np.abs(off[acts]) / np.sqrt(variance[acts])).tolist())
+        farthest = max([farthest, *(np.abs(off[acts]) / np.sqrt(variance[acts])).tolist()])
     return farthest
 
 
