@@ -43,10 +43,8 @@ from brv_hypo.thresholds import FAR_PROCESS, MECHANISM_ACTS, MOST_REGIONS, NOISE
 # Worked out on the seeds of `tests.studies.independent.study` that validation.md lists, and held by its fresh ones.
 NOT_WORKED_ON = 30.0  # nats behind the best as they count, from which no other forms of a hypothesis are tried
 LINEARISATIONS = 4  # about one hypothesis after the first, at most
-LIKELIER = 3.0  # nats by which each of these has to be likelier, or may be less where it moves
-MOVED = 2.0  # standard errors of a coefficient from where the record is linear: such steps square what is wrong
+LIKELIER = 3.0  # nats by which each of these has to be likelier
 _SHAPES_TRIED = 3  # outside the list, beside each evidence: gains at its amplitudes alone may mislead
-_ROUNDING = 1e-9  # of coefficients, up to which nothing remains of their sum
 _LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
 Say = Callable[[str], None]
@@ -191,9 +189,8 @@ class Searched:
         self, problem: Problem, fit: HypothesisFit, fits: Sequence[HypothesisFit], at: LinearisationPoint | None = None
     ) -> Judged:
         """Hypotheses linear about one. Where its residual is more than noise, processes are far beyond their ordinary
-        size, it acts in several regions (of which one may be what is not linear of another) or its coefficients have
-        moved by more than they err, it alone is linearised about itself beside processes, step by step, while it
-        becomes likelier or moves on: the method of Gauss and Newton.
+        size, or it acts in several regions (of which one may be what is not linear of another), it alone is linearised
+        about itself beside processes, step by step, while it becomes likelier: the method of Gauss and Newton.
         """
         few = [each for each in fits if not each.mechanisms or each.name == fit.name]
         point = at or point_of(problem, fit)
@@ -201,17 +198,16 @@ class Searched:
         known, elsewhere = _beside_processes(here, fit, few), None
         near = known.misfit < 1.0 + NOISE_LEVEL[1] and not known.leading.evidence.has_processes_above(FAR_PROCESS)
         enough = at is None and near and len(known.leading.fit.regions) < 2
-        moves = _moved(fit, known.leading.fit) > MOVED
-        for _ in range(0 if enough and not moves else LINEARISATIONS):
+        for _ in range(0 if enough else LINEARISATIONS):
             leader = known.leading.fit
             if leader.name != fit.name:
                 break
             there = self._linear(known.problem, leader, _point_beside(known))
             found = _beside_processes(there, leader, known.fits)
-            if found.likelier_than(known) < (-LIKELIER if moves else LIKELIER):
+            if found.likelier_than(known) < LIKELIER:
                 elsewhere = explained(found) if found.leading.fit.name == fit.name else None
                 break
-            known, here, moves = found, there, _moved(leader, found.leading.fit) > MOVED
+            known, here = found, there
         every = known if len(few) == len(fits) else _beside_processes(here, fit, fits, known)
         return replace(every, elsewhere=elsewhere)
 
@@ -244,25 +240,6 @@ def searched(
         if found is not None and _under_noise(found.problem, found.point) + cost < before:
             return found
     return first
-
-
-def _moved(point: HypothesisFit, fit: HypothesisFit) -> float:
-    """By how many standard errors a net coefficient is from that of the fit `point`, at most, where it acts."""
-    time, first = fit.frame.coefficient_time, fit.baseline_size
-    ends = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-    middles = 0.5 * (ends[1:] + ends[:-1])
-
-    def net(of: HypothesisFit, term: str) -> FloatArray:
-        """What each of its columns has of a term's coefficient (times, columns)."""
-        return np.array([c.time_basis(middles) * (c.term == term) for c in of.selected]).reshape(-1, middles.size).T
-
-    covariance, farthest = fit.covariance[first:, first:], 0.0
-    for term in dict.fromkeys(column.term for column in fit.selected):
-        off = net(fit, term) @ fit.values[first:] - net(point, term) @ point.values[point.baseline_size :]
-        variance = np.sum((net(fit, term) @ covariance) * net(fit, term), axis=1)
-        acts = np.abs(net(fit, term) @ fit.values[first:]) > _ROUNDING * np.max(np.abs(fit.values[first:]))
-        farthest = max([farthest, *(np.abs(off[acts]) / np.sqrt(variance[acts])).tolist()])
-    return farthest
 
 
 def _point_beside(found: Judged) -> LinearisationPoint:

@@ -96,7 +96,14 @@ def graded(winner: str | None = "damping", explained: Explained | None = EXPLAIN
         for rank, row in enumerate(rows, start=1)
     ]
     new = {"winner": winner, "outcome": "named" if winner else "none adequate", "reason": "One sentence."}
-    new |= {"equivalent": (winner,) if winner else (), "explained": explained, "processes": PROCESSES, **verdict}
+    chances = {each.mechanism: 0.95 if each.mechanism == winner else 0.01 for each in ranking}
+    new |= {
+        "equivalent": (winner,) if winner else (),
+        "probability": chances,
+        "explained": explained,
+        "processes": PROCESSES,
+        **verdict,
+    }
     return comparison.model_copy(
         update={"ranking": tuple(ranking), "verdict": comparison.verdict.model_copy(update=new)}
     )
