@@ -364,9 +364,9 @@ def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray, round
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:
         return Pair(fit, own)
-    for _ in range(rounds):
+    for last in range(1 - rounds, 1):
         pair = _consistent(rows, fit, own)
-        if pair.level > own.level - INCONSISTENT:
+        if last == 0 or pair.level > own.level - INCONSISTENT:
             break
         fit, own = pair.fit, maximised(rows, rows.terms(pair.fit), own.at, *starts)
     return pair

@@ -75,9 +75,10 @@ def _predictive_sigma(model: FrozenModel, noise_sigma: FloatArray, beyond: Float
     """
     fit, moved = model.within, model.moved_by_times
     # What processes make of the model's errors is in what it left on blocks held out.
-    covariance = fit.covariance[: len(model.fit.model.columns), : len(model.fit.model.columns)].copy()
+    count = len(fit.model.columns)
+    covariance = fit.covariance[:count, :count].copy()
     covariance[np.ix_(model.known, model.known)] = model.covariances[1]
-    remain = np.flatnonzero(np.isfinite(fit.known[: len(model.fit.model.columns)]))
+    remain = np.flatnonzero(np.isfinite(fit.known[:count]))
     covariance = covariance[np.ix_(remain, remain)]
     problem, frame, (design, _, free) = fit.problem, fit.data.frame, fit.all_unknowns
     scale = lengths(design[:, free])

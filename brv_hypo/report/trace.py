@@ -268,7 +268,7 @@ def _step(step: Step, has: Sequence[str]) -> list[Block]:
         f"removed, as the model no longer needs it: {', '.join(step.removed)}" if step.removed else "",
     )
     marked = [i for i, row in enumerate(ordered) if row.effect == step.added]
-    columns, by = (("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence decides (•: added)")
+    columns, by = ("effect", "kind", "confounded with"), "Tried, by F-ratio; evidence decides (•: added)"
     later = done or step.step > 1  # a screen of a terminal has room for one table
     return [
         Texts((f"residual {step.residual.words}",), f"Step {step.step}", bullets=False),
